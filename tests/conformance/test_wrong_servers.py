@@ -11,17 +11,7 @@ import pytest
 
 from armgate import events
 from armgate.conformance.case import Outcome
-from armgate.daemon.core import assets, to_protocol
-from armgate.daemon.core import description as description_module
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import Client
-from armgate.daemon.core.lease_changes import Leasing
-from armgate.daemon.core.rights import RIGHTS
-from armgate.daemon.core.signals import Signals
-from armgate.daemon.core.states import Subscription
-from armgate.daemon.core.stopping import Stopping
 from armgate.daemon.lifecycle import daemon as daemon_module
-from armgate.daemon.pace.barrier import Barrier
 from armgate.daemon.sessions.peer_socket import TcpPeerSocket
 from armgate.daemon.sessions.session import Session
 from armgate.daemon.sessions.welcome import Greeter
@@ -30,6 +20,16 @@ from armgate.gate import Gate, command_checks
 from armgate.gate.stops import Stops
 from armgate.protocol import Leases, RemoteProtocolError, codec, connection
 from armgate.protocol import messages as m
+from armgate.world import assets, to_protocol
+from armgate.world import description as description_module
+from armgate.world.barrier import Barrier
+from armgate.world.core import Core
+from armgate.world.interfaces import Client
+from armgate.world.lease_changes import Leasing
+from armgate.world.rights import RIGHTS
+from armgate.world.signals import Signals
+from armgate.world.states import Subscription
+from armgate.world.stopping import Stopping
 
 CASE_TIMEOUT = 2.0
 LOCKSTEP = ("conformance.yaml", "conformance-lockstep.yaml")

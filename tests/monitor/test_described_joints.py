@@ -11,13 +11,13 @@ import pytest
 
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.core.description import CellDescription
 from armgate.daemon.recording.recorder import Recorder
 from armgate.monitor.description_check import differences, joint_differences
 from armgate.monitor.model import build
 from armgate.monitor.offline import check_recording
 from armgate.monitor.yaml_files import read_files
 from armgate.protocol import messages as m
+from armgate.world.description import CellDescription
 from monitor.test_live import config, ended, watching
 from monitor.test_offline import rewritten
 from monitor.test_planted_faults import A3_ORIGIN, A5, urdf

@@ -8,9 +8,9 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.client import ConnectionLost, Refused, TimedOut
-from armgate.daemon.core.description import CellDescription
 from armgate.monitor import live
 from armgate.protocol import messages as m
+from armgate.world.description import CellDescription
 from support.cells import arms_yaml
 
 HOME = (0.0, 0.7853981633974483, 0.7853981633974483)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from armgate import events as e
-from armgate.daemon.core import to_protocol
 from armgate.gate import braking, decision
 from armgate.monitor.motion import Motion
 from armgate.monitor.tick_state import state_of_entry
 from armgate.protocol import messages as m
+from armgate.world import to_protocol
 from monitor.watched import ARM, GANTRY, Change, Tree, Watched, demo
 
 DOWN = {ARM: np.radians([0, 30, 60, 0, 0, 0])}

@@ -16,9 +16,6 @@ import yaml
 from armgate import events as e
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.core import to_protocol
-from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.states import Snapshot
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
@@ -29,6 +26,9 @@ from armgate.monitor.monitor import Monitor
 from armgate.monitor.tick_state import state_of_entry
 from armgate.monitor.yaml_files import read_files
 from armgate.protocol import messages as m
+from armgate.world import to_protocol
+from armgate.world.gate_runner import GateRunner
+from armgate.world.states import Snapshot
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ARM, GANTRY = "FR", "GR"

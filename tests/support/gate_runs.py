@@ -1,11 +1,11 @@
 """Recorded runs of a gate without a daemon: the commands are a function of the tick."""
 
 from armgate import events as e
-from armgate.daemon.core.gate_runner import GateRunner
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
+from armgate.world.gate_runner import GateRunner
 
 START = "feed"
 LIMIT = 1 << 30  # unlimited in effect: the events arrive much faster than in real time

@@ -4,14 +4,14 @@ import io
 from dataclasses import replace
 
 from armgate.cell.cell import build_cell
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.interfaces import Client
-from armgate.daemon.core.lease_changes import LeaseTime
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
 from armgate.links.log import Log
 from armgate.protocol import messages as m
+from armgate.world.core import Core
+from armgate.world.gate_runner import GateRunner
+from armgate.world.interfaces import Client
+from armgate.world.lease_changes import LeaseTime
 
 
 class Peer:

@@ -6,7 +6,6 @@ from random import Random
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
 from armgate.cell.urdf import read_urdf
-from armgate.daemon.core.gate_runner import GateRunner
 from armgate.emulator.krc import PROFILES, Arrival, Context, Controller, Event, EventLog, Mode, read_ethernet
 from armgate.emulator.krc.context import Limits
 from armgate.emulator.krc.robot.arm import arm_of_cell
@@ -14,6 +13,7 @@ from armgate.events import Command, LeaseChange, LinkChange, Reset, Stopped, Tic
 from armgate.gate import Gate
 from armgate.links.rsi.link import RsiLink
 from armgate.links.rsi.setup import setup_of
+from armgate.world.gate_runner import GateRunner
 from support.krcs import LogRecords, krc_file
 
 CONFIGS = Path(__file__).parents[2] / "configs"

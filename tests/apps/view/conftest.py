@@ -7,8 +7,8 @@ import pytest
 from armgate.apps.view.scene import Scene
 from armgate.cell.cell import build_cell
 from armgate.cell.config import load_config
-from armgate.daemon.core.description import CellDescription
 from armgate.protocol import messages as m
+from armgate.world.description import CellDescription
 
 DEMO = Path(__file__).parents[3] / "configs" / "demo.yaml"
 

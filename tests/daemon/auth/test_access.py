@@ -15,10 +15,10 @@ from armgate.daemon.auth.address import origin
 from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.unix_socket import UnixSocket, UnixSocketError, uids
 from armgate.daemon.sessions.connection_limits import Slot
-from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
 from armgate.protocol import RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.token_bucket import TokenBucket
 
 HERE = "192.0.2.1"
 USERS = {1000: "operator", 1001: "observer"}

@@ -7,7 +7,7 @@ import pytest
 
 from armgate.daemon.sessions.rate_limits import RateLimit, RateLimits, Rates
 from armgate.daemon.sessions.scheduler import FairScheduler, Lane
-from armgate.daemon.token_bucket import TokenBucket
+from armgate.world.token_bucket import TokenBucket
 
 
 class Clock:

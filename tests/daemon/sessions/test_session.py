@@ -8,7 +8,6 @@ from time import monotonic
 import msgpack
 import pytest
 
-from armgate.daemon.core.interfaces import Client, Encoded
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.peer_socket import TcpPeerSocket
 from armgate.daemon.sessions.rate_limits import RateLimit, RateLimits, Rates
@@ -17,6 +16,7 @@ from armgate.daemon.sessions.session import Session
 from armgate.protocol import Connection, ErrorCode, RemoteProtocolError, Side, encode
 from armgate.protocol import messages as m
 from armgate.protocol.framing import frame
+from armgate.world.interfaces import Client, Encoded
 from support.clients import until
 
 

@@ -6,13 +6,13 @@ import socket
 
 import pytest
 
-from armgate.daemon.core.interfaces import Client, Encoded
 from armgate.daemon.sessions import peer_socket as peer_socket_module
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.session import Session
 from armgate.protocol import Connection, Side, encode
 from armgate.protocol import messages as m
+from armgate.world.interfaces import Client, Encoded
 from support.clients import until
 
 PERIOD = 0.004

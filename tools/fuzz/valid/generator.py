@@ -4,8 +4,8 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from armgate.daemon.core.states import FIELDS
 from armgate.protocol import messages as m
+from armgate.world.states import FIELDS
 from tools.fuzz.valid.oracle import Knowledge
 from tools.fuzz.valid.values import fields_of
 

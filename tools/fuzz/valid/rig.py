@@ -9,13 +9,6 @@ from random import Random
 
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import LockstepClockConfig
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.interfaces import Batch, ClientRequest, Encoded
-from armgate.daemon.core.interfaces import Client as CoreClient
-from armgate.daemon.core.lease_changes import LeaseTime
-from armgate.daemon.core.rights import RIGHTS
-from armgate.daemon.core.to_protocol import answer
 from armgate.daemon.pace.lockstep import LockstepPace
 from armgate.emulator import VirtualClock
 from armgate.gate import Gate
@@ -23,6 +16,13 @@ from armgate.links.emulated.link import EmulatedLink
 from armgate.links.log import Log
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
 from armgate.protocol import messages as m
+from armgate.world.core import Core
+from armgate.world.gate_runner import GateRunner
+from armgate.world.interfaces import Batch, ClientRequest, Encoded
+from armgate.world.interfaces import Client as CoreClient
+from armgate.world.lease_changes import LeaseTime
+from armgate.world.rights import RIGHTS
+from armgate.world.to_protocol import answer
 from tools.fuzz.valid import cells
 from tools.fuzz.valid.generator import MessageGenerator
 from tools.fuzz.valid.oracle import Expectations, Knowledge, ViolationError, require

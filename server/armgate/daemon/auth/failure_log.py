@@ -6,8 +6,8 @@ number of failures from its address. Failures only add lines to the log, and the
 
 from collections import OrderedDict
 
-from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
+from armgate.world.token_bucket import TokenBucket
 
 _REMEMBERED = 1024
 """Number of origins that are remembered; the one whose last failure is oldest is forgotten first."""

@@ -10,10 +10,10 @@ from rich.text import Text
 from armgate.cell.cell import Cell, Robot
 from armgate.cell.cell_warnings import cell_warnings
 from armgate.cell.terminal_text import printable
-from armgate.daemon.core.description import CellDescription
 from armgate.events import Nearest
 from armgate.gate import start_clearances
 from armgate.links.kind import check_links
+from armgate.world.description import CellDescription
 
 _SHOWN = 8
 _FAULTS = 64

@@ -12,10 +12,6 @@ from armgate.cell.cell import Cell
 from armgate.cell.config import LockstepClockConfig
 from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import Reloader
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.interfaces import Gate, Peer, RequestHandler
-from armgate.daemon.core.lease_changes import LeaseTime
 from armgate.daemon.lifecycle.phase import Lifetime, Phase, PhaseEvent
 from armgate.daemon.lifecycle.ticking import Ticking
 from armgate.daemon.metrics.health import Health
@@ -34,6 +30,10 @@ from armgate.links.link import Link, SteppedLink
 from armgate.links.log import Log
 from armgate.links.systemd import Notifier
 from armgate.protocol import DIALECTS, Dialect, ErrorCode, RemoteProtocolError
+from armgate.world.core import Core
+from armgate.world.gate_runner import GateRunner
+from armgate.world.interfaces import Gate, Peer, RequestHandler
+from armgate.world.lease_changes import LeaseTime
 
 
 class Daemon:

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import assert_never
 
-from armgate.daemon.core.core import Core
 from armgate.daemon.lifecycle.phase import Lifetime, Phase
 from armgate.daemon.pace.pace import Pace
 from armgate.daemon.recording.supervision import Recording
 from armgate.events import LinkChange, PlanAnswer, Tick
 from armgate.links.link import SteppedLink
 from armgate.links.log import Log
+from armgate.world.core import Core
 
 _SETTLE = 5.0
 """Time after the end of its plan within which a robot must be measured at rest, s of daemon time."""

@@ -18,12 +18,12 @@ from prometheus_client import (
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from armgate.daemon.core.interfaces import Gate
-from armgate.daemon.core.states import Snapshot
 from armgate.daemon.metrics.http_server import MetricsServer
 from armgate.events import Command, GateEvent, GateOutput, LinkState
 from armgate.gate import RobotView
 from armgate.protocol import messages as m
+from armgate.world.interfaces import Gate
+from armgate.world.states import Snapshot
 
 _SECONDS = (50e-6, 100e-6, 250e-6, 500e-6, 1e-3, 2e-3, 4e-3, 8e-3, 12e-3, 25e-3, 50e-3, 0.1)
 """Upper bounds of the buckets of histograms, s."""

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from armgate.daemon.core.interfaces import Gate
-from armgate.daemon.core.states import Observer
 from armgate.links.log import Log
+from armgate.world.interfaces import Gate
+from armgate.world.states import Observer
 
 if TYPE_CHECKING:
     from armgate.daemon.metrics.collector import Metrics

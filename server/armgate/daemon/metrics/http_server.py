@@ -13,7 +13,7 @@ from collections.abc import Callable
 from time import monotonic
 
 from armgate.daemon.auth.address import is_loopback
-from armgate.daemon.token_bucket import TokenBucket
+from armgate.world.token_bucket import TokenBucket
 
 _HOST = "127.0.0.1"
 _PATHS = ("/", "/metrics")

@@ -11,13 +11,13 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from time import monotonic
 
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import Batch, ClientRequest, EventLog, Peer
-from armgate.daemon.pace.barrier import Barrier, Presence
 from armgate.daemon.pace.pace import TickReceiver
 from armgate.emulator import VirtualClock
 from armgate.protocol import ErrorCode, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.barrier import Barrier, Presence
+from armgate.world.core import Core
+from armgate.world.interfaces import Batch, ClientRequest, EventLog, Peer
 
 _AHEAD = 256
 """Number of messages of a participant that may wait for the next step."""

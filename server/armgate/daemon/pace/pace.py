@@ -7,8 +7,8 @@ the receiver that `Pace.start` takes.
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
-from armgate.daemon.core.core import Core
 from armgate.events import LinkChange, PlanAnswer, Tick
+from armgate.world.core import Core
 
 
 class TickReceiver(Protocol):

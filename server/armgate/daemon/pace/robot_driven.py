@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from armgate.cell.cell import Cell
-from armgate.daemon.core.core import Core
 from armgate.daemon.pace.pace import TickReceiver
 from armgate.links.robot_server.client import RemoteLink, RobotServerClient
+from armgate.world.core import Core
 
 _IDLE = 0.1
 """Time between two calls of `TickReceiver.idle`, s: leases expire even if no robot ticks."""

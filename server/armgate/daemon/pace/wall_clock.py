@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from armgate.daemon.core.core import Core
 from armgate.daemon.pace.pace import TickReceiver
 from armgate.emulator import Instant, WallClock
+from armgate.world.core import Core
 
 
 class WallClockPace:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from armgate.daemon.core.states import Snapshot
 from armgate.daemon.recording.record_file import RecordFile
 from armgate.events import GateEvent, GateOutput, Tick
 from armgate.protocol import messages as m
 from armgate.recording import CellState, Gap, Header, Item, LogLine, RobotState, Step, part_name
 from armgate.recording.chain import Seal, Signer
+from armgate.world.states import Snapshot
 
 FLUSH = 0.12
 """Longest time of a run that is lost if the daemon is killed, s, in addition to the backlog of the thread."""

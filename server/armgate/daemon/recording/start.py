@@ -9,7 +9,6 @@ from pathlib import Path
 from armgate.cell.cell import Cell
 from armgate.cell.config import CellConfig, LockstepClockConfig
 from armgate.cell.config.packing import pack
-from armgate.daemon.core.description import CellDescription
 from armgate.daemon.recording.inline_recorder import InlineRecorder
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.signer import SignerError, load_signer
@@ -17,6 +16,7 @@ from armgate.gate.clearance.compiled import available
 from armgate.recording import Header, machine, software
 from armgate.recording.chain import Signer
 from armgate.recording.reader import PATTERN
+from armgate.world.description import CellDescription
 
 
 class RecorderError(Exception):

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from armgate.cell.cell import Cell
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.states import Observer
 from armgate.daemon.recording.recorder import Recorder
 from armgate.daemon.recording.start import begin, header_of
 from armgate.links.log import Log
+from armgate.world.core import Core
+from armgate.world.states import Observer
 
 
 class Recording:

@@ -18,9 +18,9 @@ from armgate.daemon.auth.unix_socket import UnixSocket
 from armgate.daemon.sessions import tls_stream
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
 from armgate.daemon.sessions.scheduler import Work
-from armgate.daemon.token_bucket import TokenBucket
 from armgate.links.log import Log
 from armgate.links.robot_server.unix_socket import peer_uid
+from armgate.world.token_bucket import TokenBucket
 
 _QUEUE = 128
 """Number of connections that may wait in the kernel."""

@@ -10,12 +10,12 @@ from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import warn_of_unknown_robots
 from armgate.daemon.auth.tokens import Token, Tokens
-from armgate.daemon.core.interfaces import Client
 from armgate.daemon.sessions.connection_limits import ConnectionLimits
 from armgate.daemon.sessions.session import Session
 from armgate.links.log import Log
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.interfaces import Client
 
 _REVOKED = "the token of this session was revoked or changed; connect with a valid one"
 _EXPIRED = "the token of this session has expired; connect with a valid one"

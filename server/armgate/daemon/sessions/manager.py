@@ -10,8 +10,6 @@ from armgate.daemon.auth.failure_log import FailureLog
 from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.reloading import ReloadSource
 from armgate.daemon.auth.tls import is_for_clients
-from armgate.daemon.core.core import Core
-from armgate.daemon.core.interfaces import RequestHandler
 from armgate.daemon.pace.pace import Pace
 from armgate.daemon.sessions.connection_limits import ConnectionLimits, Slot
 from armgate.daemon.sessions.listener import Listener
@@ -23,6 +21,8 @@ from armgate.daemon.sessions.welcome import Greeter
 from armgate.links.log import Log
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.core import Core
+from armgate.world.interfaces import RequestHandler
 
 _CLOSE = 2.0
 """Time that sessions have to close when the daemon ends, s."""

@@ -9,7 +9,7 @@ that no other client can use it up.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from armgate.daemon.token_bucket import TokenBucket
+from armgate.world.token_bucket import TokenBucket
 
 _BURST = 0.25
 """Burst of a limit as a share of the messages that it allows in 1 s."""

@@ -10,13 +10,13 @@ from abc import abstractmethod
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Protocol
 
-from armgate.daemon.core.interfaces import ClientRequest, Peer, RequestHandler
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.rate_limits import RateLimit
 from armgate.daemon.sessions.scheduler import FairScheduler, Work
-from armgate.daemon.token_bucket import TokenBucket
 from armgate.protocol import Connection, Refusal
 from armgate.protocol import messages as m
+from armgate.world.interfaces import ClientRequest, Peer, RequestHandler
+from armgate.world.token_bucket import TokenBucket
 
 if TYPE_CHECKING:
     from armgate.daemon.sessions.session import Session

@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Callable
 from time import perf_counter
 
-from armgate.daemon.token_bucket import TokenBucket
+from armgate.world.token_bucket import TokenBucket
 
 Work = Callable[[], None]
 

@@ -7,7 +7,6 @@ import asyncio
 from collections.abc import Sequence
 
 from armgate.daemon.auth.tls import peer_certificate
-from armgate.daemon.core.interfaces import Batch, Client, Encoded, RequestHandler
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.ending import Ending
 from armgate.daemon.sessions.listener import ConnectionProtocol
@@ -27,6 +26,7 @@ from armgate.protocol import (
     Side,
 )
 from armgate.protocol import messages as m
+from armgate.world.interfaces import Batch, Client, Encoded, RequestHandler
 
 _LINGER = 1.0
 """Time that a client has to read the last message, s."""

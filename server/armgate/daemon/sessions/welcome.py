@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from armgate.cell.config import CellConfig
-from armgate.daemon.core.description import BODY_EXACT, SESSIONS, STOP_REPLACES
-from armgate.daemon.core.to_protocol import answer
 from armgate.daemon.sessions.session import Session
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Dialect
 from armgate.protocol import messages as m
+from armgate.world.description import BODY_EXACT, SESSIONS, STOP_REPLACES
+from armgate.world.to_protocol import answer
 
 
 class Greeter:

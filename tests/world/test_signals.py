@@ -3,9 +3,9 @@
 import pytest
 
 from armgate.cell.errors import ConfigError
-from armgate.daemon.core.interfaces import Client
-from armgate.daemon.core.signals import KEPT, Reserved, Signals
 from armgate.protocol import RemoteProtocolError
+from armgate.world.interfaces import Client
+from armgate.world.signals import KEPT, Reserved, Signals
 from support.cells import arms_config
 
 

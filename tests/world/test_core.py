@@ -8,10 +8,10 @@ from typing import get_args
 import pytest
 
 from armgate import events
-from armgate.daemon.core.interfaces import ClientRequest
-from armgate.daemon.core.rights import RIGHTS
 from armgate.gate.clearance.engines import CoalEngine
 from armgate.protocol import messages as m
+from armgate.world.interfaces import ClientRequest
+from armgate.world.rights import RIGHTS
 from support.cells import arms_config
 from support.peers import Bench
 
@@ -395,7 +395,7 @@ def test_a_subscription_to_an_unknown_robot_or_field_is_an_error(bench, wish, co
 
 def test_a_state_is_encoded_once_for_all_clients_with_the_same_fields(bench, monkeypatch):
 
-    from armgate.daemon.core import states
+    from armgate.world import states
 
     encoded = []
     real = states.encode

@@ -1,8 +1,8 @@
 """Roles: the requests that a client may send."""
 
-from armgate.daemon.core.interfaces import Client, ClientRequest
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.interfaces import Client, ClientRequest
 
 _ALL: frozenset[m.Role] = frozenset({"observer", "controller", "operator"})
 _CONTROLLERS: frozenset[m.Role] = frozenset({"controller", "operator"})

@@ -3,11 +3,11 @@
 from collections.abc import Mapping, Sequence
 from itertools import islice
 
-from armgate.daemon.core.interfaces import EventLog, Peer
-from armgate.daemon.core.lease_changes import Leasing
-from armgate.daemon.core.to_protocol import answer
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.interfaces import EventLog, Peer
+from armgate.world.lease_changes import Leasing
+from armgate.world.to_protocol import answer
 
 
 def list_sessions(

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from armgate.cell.config import ServerConfig, SignalRuleConfig
-from armgate.daemon.core.interfaces import Client
-from armgate.daemon.token_bucket import TokenBucket
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import MAX_SIGNALS, SignalValue
+from armgate.world.interfaces import Client
+from armgate.world.token_bucket import TokenBucket
 
 KEPT = 16
 """Number of places that are kept for names under a reserved prefix."""

@@ -8,12 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from armgate import events
-from armgate.daemon.core import to_protocol
-from armgate.daemon.core.description import STOP_REPLACES
-from armgate.daemon.core.gate_runner import GateRunner
-from armgate.daemon.core.interfaces import EventLog, Peer
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world import to_protocol
+from armgate.world.description import STOP_REPLACES
+from armgate.world.gate_runner import GateRunner
+from armgate.world.interfaces import EventLog, Peer
 
 
 class Stopping:

@@ -8,11 +8,11 @@ lease ends plays its plan to rest, because the gate admits no command without a 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from armgate.daemon.core.interfaces import Peer
-from armgate.daemon.core.to_protocol import answer
 from armgate.events import LeaseChange
 from armgate.protocol import Denial, ErrorCode, Grant, Leases, Loss, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world.interfaces import Peer
+from armgate.world.to_protocol import answer
 
 
 @dataclass(frozen=True, slots=True)

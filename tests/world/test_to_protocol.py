@@ -2,9 +2,9 @@
 
 import pytest
 
-from armgate.daemon.core import to_protocol
 from armgate.events import Cause, Reason
 from armgate.protocol import messages as m
+from armgate.world import to_protocol
 
 
 def reason(cause, number, text="why"):

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from armgate.cell.cell import Body, Cell, Robot
 from armgate.cell.placement import Placement
 from armgate.cell.shapes import Box, Cone, Convex, Cylinder, Shape
-from armgate.daemon.core.assets import Assets, asset_reference, to_obj
 from armgate.protocol import LocalProtocolError, encode, with_re
 from armgate.protocol import messages as m
+from armgate.world.assets import Assets, asset_reference, to_obj
 
 _LARGEST_ID = 2**31 - 1
 

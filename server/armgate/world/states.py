@@ -9,11 +9,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from armgate.daemon.core import to_protocol
-from armgate.daemon.core.interfaces import Encoded, Peer
 from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError, encode
 from armgate.protocol import messages as m
+from armgate.world import to_protocol
+from armgate.world.interfaces import Encoded, Peer
 
 FIELDS: tuple[str, ...] = tuple(
     name for name in m.Entry.model_fields if name not in ("robot", "tick", "time")

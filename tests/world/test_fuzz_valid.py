@@ -4,12 +4,12 @@ from random import Random
 
 import pytest
 
-from armgate.daemon.core import to_protocol
-from armgate.daemon.core.states import States
-from armgate.daemon.core.stopping import Stopping
-from armgate.daemon.pace.barrier import Barrier
 from armgate.gate.stops import Stops
 from armgate.protocol import messages as m
+from armgate.world import to_protocol
+from armgate.world.barrier import Barrier
+from armgate.world.states import States
+from armgate.world.stopping import Stopping
 from tools.fuzz.valid.__main__ import main
 from tools.fuzz.valid.generator import MessageGenerator
 from tools.fuzz.valid.live import Live

@@ -10,19 +10,19 @@ from typing import assert_never
 
 from armgate import events
 from armgate.cell.cell import Cell
-from armgate.daemon.core import session_list, to_protocol
-from armgate.daemon.core.description import CellDescription
-from armgate.daemon.core.gate_runner import ClientOutput, GateRunner
-from armgate.daemon.core.interfaces import ClientRequest, EventLog, Peer
-from armgate.daemon.core.lease_changes import Effect, LeaseTime, Leasing, Notice
-from armgate.daemon.core.motion import Motion
-from armgate.daemon.core.rights import check_rights
-from armgate.daemon.core.signals import signals_of
-from armgate.daemon.core.states import Defer, Observer, Snapshot, States
-from armgate.daemon.core.stopping import Stopping
 from armgate.links.link import Link
 from armgate.protocol import ErrorCode, Leases, ProtocolError, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.world import session_list, to_protocol
+from armgate.world.description import CellDescription
+from armgate.world.gate_runner import ClientOutput, GateRunner
+from armgate.world.interfaces import ClientRequest, EventLog, Peer
+from armgate.world.lease_changes import Effect, LeaseTime, Leasing, Notice
+from armgate.world.motion import Motion
+from armgate.world.rights import check_rights
+from armgate.world.signals import signals_of
+from armgate.world.states import Defer, Observer, Snapshot, States
+from armgate.world.stopping import Stopping
 
 _DAEMON = "daemon"
 """Name under which the daemon itself stops robots."""

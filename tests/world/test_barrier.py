@@ -2,8 +2,8 @@
 
 import pytest
 
-from armgate.daemon.pace.barrier import Barrier, Presence
 from armgate.protocol import RemoteProtocolError
+from armgate.world.barrier import Barrier, Presence
 
 
 class LeasedBarrier:

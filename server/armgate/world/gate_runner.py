@@ -4,10 +4,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import assert_never
 
-from armgate.daemon.core.interfaces import Gate
 from armgate.events import GateEvent, GateOutput, Plan, Rebase, ResetAnswer, Stopped, Verdict
 from armgate.gate import RobotView
 from armgate.links.link import Link
+from armgate.world.interfaces import Gate
 
 ClientOutput = Verdict | Stopped | ResetAnswer
 """Outputs of the gate that concern clients."""
