@@ -9,7 +9,8 @@ Packages, each with one concern:
 - ``metrics``: health figures for Prometheus, and ``armgate status``.
 - ``lifecycle``: start, signals, failures and end; ``armgate serve`` and ``armgate check``.
 
-The path of a command from the socket to the link: ``sessions.reading``, ``world.core``, ``world.gate_runner``,
-the gate, the link. Its verdict returns through ``world.gate_runner``, ``world.core``,
-``world.to_protocol``, ``sessions.session`` and ``sessions.writing``. docs/architecture.md lists all files.
+The path of a command from the socket to the link: ``sessions.reading``, ``world.core``,
+``world.gate_runner``, the gate, the link. Its verdict returns through ``world.gate_runner``,
+``world.core``, ``world.to_protocol``, ``sessions.session`` and ``sessions.writing``. docs/architecture.md
+lists all files.
 """

@@ -1,1 +1,1 @@
-"""One cell in one process: commands to the gate, leases, stops, signals and states, without sockets and clocks."""
+"""One cell in one process: requests, gate, leases, stops, signals and states, without sockets and clocks."""

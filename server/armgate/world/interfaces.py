@@ -144,7 +144,7 @@ class RequestHandler(Protocol):
     """Receiver of the requests of all sessions.
 
     There are two receivers. By the wall clock and with a robot server it is the `Core` itself. In lock-step
-    it is `LockstepPace`, which keeps some requests until a later step and then passes them to the core. The
+    it is `Lockstep`, which keeps some requests until a later step and then passes them to the core. The
     daemon chooses (`lifecycle.daemon`), and a session calls it directly.
     """
 

@@ -9,7 +9,6 @@ from random import Random
 
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import LockstepClockConfig
-from armgate.daemon.pace.lockstep import LockstepPace
 from armgate.emulator import VirtualClock
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
@@ -21,6 +20,7 @@ from armgate.world.gate_runner import GateRunner
 from armgate.world.interfaces import Batch, ClientRequest, Encoded
 from armgate.world.interfaces import Client as CoreClient
 from armgate.world.lease_changes import LeaseTime
+from armgate.world.lockstep import Lockstep
 from armgate.world.rights import RIGHTS
 from armgate.world.to_protocol import answer
 from tools.fuzz.valid import cells
@@ -178,7 +178,9 @@ class Rig:
         log = Log(io.StringIO())
         clock = self.cell.config.clock
         if isinstance(clock, LockstepClockConfig):
-            self.pace: LockstepPace | SteppedWallClock = LockstepPace(periods, clock.participants, 1e9, log)
+            self.pace: Lockstep | SteppedWallClock = Lockstep(
+                periods, clock.participants, 1e9, log, lambda: 0.0
+            )
         else:
             self.pace = SteppedWallClock(periods, self)
         lease_time = (lambda: LeaseTime(0.0, 0.0)) if lockstep else None
@@ -187,8 +189,8 @@ class Rig:
         )
         self.clients: list[Client] = []
         self._numbers = itertools.count(1)
-        if isinstance(self.pace, LockstepPace):
-            self.pace.start(self.core, self)
+        if isinstance(self.pace, Lockstep):
+            self.pace.start(self.core, self.due)
         else:
             self.core.start()
             self.pace.tick()
@@ -211,12 +213,6 @@ class Rig:
         """Let some robots tick."""
         self.core.tick([self.links[index].advance(time) for index in robots], step)
 
-    def received(self, event: object) -> None:
-        """Do nothing: no link provides the clock of its robot."""
-
-    def idle(self, time: float) -> None:
-        """Do nothing."""
-
     def handle_message(self, client: Client, message: m.Message) -> None:
         """Handle a message like the daemon."""
         match message:
@@ -227,7 +223,7 @@ class Rig:
                 client.send(m.Bye())
             case _ if not isinstance(message, ClientRequest):
                 raise ViolationError(f"{message.type} is not a message of a client")
-            case _ if isinstance(self.pace, LockstepPace):
+            case _ if isinstance(self.pace, Lockstep):
                 self.pace.handle(client, message)
             case _:
                 self.core.handle(client, message)
@@ -236,7 +232,7 @@ class Rig:
     # --- inside -------------------------------------------------------------------------------------------
 
     def _now(self) -> float:
-        return self.pace.now() if isinstance(self.pace, LockstepPace) else self.pace.time
+        return self.pace.now() if isinstance(self.pace, Lockstep) else self.pace.time
 
     def _send_one(self) -> None:
         self.clients = [client for client in self.clients if not client.gone]
@@ -266,12 +262,12 @@ class Rig:
         return client
 
     def _welcome(self, client: Client, hello: m.Hello) -> None:
-        if isinstance(self.pace, LockstepPace):
+        if isinstance(self.pace, Lockstep):
             client.identify(self.pace.session_id(client.name, client.number))
         else:
             client.identify(f"s{client.number}")
         try:
-            if isinstance(self.pace, LockstepPace):
+            if isinstance(self.pace, Lockstep):
                 self.pace.join(client)
             else:
                 self.core.join(client)
@@ -294,7 +290,7 @@ class Rig:
 
     def leave(self, client: Client) -> None:
         """End the session of a client."""
-        if isinstance(self.pace, LockstepPace):
+        if isinstance(self.pace, Lockstep):
             self.pace.leave(client)
         else:
             self.core.leave(client)
@@ -307,7 +303,7 @@ class Rig:
         """Reset every stop and acquire every robot, which shows that the server still works."""
         self._disconnect_all()
         operator = self._connect_surely("op", "operator")
-        if isinstance(self.pace, LockstepPace):
+        if isinstance(self.pace, Lockstep):
             return  # in lock-step, time advances only with the participants
         assert isinstance(self.pace, SteppedWallClock)
         for _ in range(400):

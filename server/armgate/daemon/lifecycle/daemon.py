@@ -116,10 +116,10 @@ class Daemon:
         )
 
     def _request_handler(self) -> RequestHandler:
-        """Return the receiver of all requests: the core, or the lock-step pace in front of it."""
+        """Return the receiver of all requests: the core, or the lock-step in front of it."""
         if isinstance(self._pace, LockstepPace):
-            self._pace.attach(self._core)
-            return self._pace
+            self._pace.steps.attach(self._core)
+            return self._pace.steps
         return self._core
 
     def _make_ticking(self, stepped: Sequence[SteppedLink]) -> Ticking:
