@@ -11,11 +11,10 @@ from typing import Any, Literal, assert_never
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from armgate.cell.cell import Cell
 from armgate.cell.model import RobotModel
 from armgate.gate.clearance.prefilter import Prefilter, RobotPairs
 from armgate.gate.clearance.support import Cornered
-from armgate.gate.clearance.swept import Array, Index, Place, Space, Swept
+from armgate.gate.clearance.swept import Array, Index, Space, Swept
 
 Records = NDArray[np.void]
 _STALE = -1
@@ -64,7 +63,8 @@ class CompiledPrefilter(Prefilter):
         count = np.array([0] * len(self._held) + [1], dtype=np.int64)
         R, t = (np.repeat(x, _ROWS, axis=0) for x in (space.static.R, space.static.t))
         self._nodes = (R, t, np.zeros((_ROWS, bodies)), count)
-        space.place_with(self._placer(space.cell))
+        self._bodies = [len(r.model.bodies) for r in space.cell.robots]
+        space.place_with(self._place)
 
     def replace(self, robot: int, own: RobotPairs) -> None:
         """Replace the motion bounds of a robot's pairs."""
@@ -100,15 +100,22 @@ class CompiledPrefilter(Prefilter):
             )
             self._nodes = (R, t, deviation, count)
 
-    def _placer(self, cell: Cell) -> Place:
-        numbers = [len(r.model.bodies) for r in cell.robots]
+    def _place(self, robot: int, q: ArrayLike) -> tuple[Array, Array]:
+        """Return the placements of a robot's bodies at q; a `Place`."""
+        bodies = self._bodies[robot]
+        R, t = np.empty((bodies, 3, 3)), np.empty((bodies, 3))
+        self._kernels.place(self._cell, robot, np.array(q, dtype=np.float64), R, t)
+        return R, t
 
-        def place(robot: int, q: ArrayLike) -> tuple[Array, Array]:
-            R, t = np.empty((numbers[robot], 3, 3)), np.empty((numbers[robot], 3))
-            self._kernels.place(self._cell, robot, np.array(q, dtype=np.float64), R, t)
-            return R, t
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the kernels: a module cannot be pickled."""
+        return {name: value for name, value in self.__dict__.items() if name != "_kernels"}
 
-        return place
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with the kernels of this process."""
+        prepare()
+        self.__dict__.update(state)
+        self._kernels = _kernels()
 
 
 @cache

@@ -47,12 +47,17 @@ class CoalEngine:
     """coal with GJK and EPA tolerance 1e-8; its distance is signed for overlapping bodies."""
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
+        self._given = shapes
         self._shapes = [_engine_shape(coal, s, _coal_hull) for s in shapes]
         self._radii = [_radius(s) for s in shapes]
         self._request = coal.DistanceRequest()
         self._request.gjk_tolerance = _TOLERANCE
         self._request.epa_tolerance = _TOLERANCE
         self._result = coal.DistanceResult()
+
+    def __reduce__(self) -> tuple[type["CoalEngine"], tuple[tuple[Shape, ...]]]:
+        """Return the constructor and its argument: the engine's objects are made anew in a copy."""
+        return CoalEngine, (self._given,)
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
         """Query coal; its normal is used if the bodies touch, because the points then give no direction."""
@@ -68,8 +73,13 @@ class FclEngine:
     """python-fcl: second engine, for separated bodies; its distance is unsigned."""
 
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
+        self._given = shapes
         self._shapes = [_engine_shape(fcl, s, _fcl_hull) for s in shapes]
         self._radii = [_radius(s) for s in shapes]
+
+    def __reduce__(self) -> tuple[type["FclEngine"], tuple[tuple[Shape, ...]]]:
+        """Return the constructor and its argument: the engine's objects are made anew in a copy."""
+        return FclEngine, (self._given,)
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
         """Query python-fcl with a fresh result: a reused one keeps the old minimum."""

@@ -6,6 +6,7 @@ writes the bounds of one robot in one piece.
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,9 @@ class PairBounds:
 
     def __init__(self, pairs_of: Sequence[Index]) -> None:
         ends = np.cumsum([0, *map(len, pairs_of)]).tolist()
+        self._ends = ends
         self._all = np.full(ends[-1], -np.inf)
-        self._of = [self._all[slice(*reach)] for reach in pairwise(ends)]
+        self._of = self._rows()
         self._places: dict[int, list[tuple[int, int]]] = {}
         for robot, ids in enumerate(pairs_of):
             for k, pair in enumerate(ids.tolist()):
@@ -40,6 +42,15 @@ class PairBounds:
             (_joined([here for _, here, _ in shared]), _joined([ends[k] + there for k, _, there in shared]))
             for shared in self._shared
         ]
+
+    def _rows(self) -> list[Array]:
+        """Return the bounds of each robot, as views of all bounds."""
+        return [self._all[slice(*reach)] for reach in pairwise(self._ends)]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy: a pickled view would no longer share its memory."""
+        self.__dict__.update(state)
+        self._of = self._rows()
 
     def of(self, robot: int) -> Array:
         """Return the bounds of a robot's pairs, (P,), for reading only."""

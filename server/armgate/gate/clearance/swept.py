@@ -13,7 +13,7 @@ joint behind a revolute one changes the length of a lever: for such robots R and
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -122,7 +122,7 @@ class Space:
         self.motion = [motion_bounds(r.model, *x.ends) for r, x in zip(cell.robots, self.ranges, strict=True)]
         self.bend = [bend_bounds(r.model, *x.ends) for r, x in zip(cell.robots, self.ranges, strict=True)]
         self.static = self._static()
-        self._place: Place = lambda robot, q: cell.robots[robot].model.body_placements(q)
+        self._place: Place = self._place_by_model
         self._known: list[dict[Joints, tuple[Array, Array]]] = [{} for _ in cell.robots]
 
     def fit(self, robot: int, nodes: Sequence[Joints], margin: float) -> bool:
@@ -147,15 +147,12 @@ class Space:
 
     def sweep(self, robot: int, occupied: Occupancy) -> Swept:
         """Return a robot's bodies over an occupancy."""
-
-        def place() -> tuple[Array, Array]:
-            return _stacked([self._placed(robot, q) for q in occupied.nodes])
-
+        place = partial(self._placed_at, robot, occupied.nodes)
         return self._swept(robot, np.array(occupied.nodes), np.array(occupied.tube), place)
 
     def sweep_nodes(self, robot: int, nodes: Array, tube: Array) -> Swept:
         """Return a robot's bodies over nodes (m, n) with a tube (n,), without keeping the placements."""
-        return self._swept(robot, nodes, tube, lambda: _stacked([self._place(robot, q) for q in nodes]))
+        return self._swept(robot, nodes, tube, partial(self._place_at, robot, nodes))
 
     def still(self, robot: int, q: Joints) -> Swept:
         """Return a robot's bodies at ``q``, at rest."""
@@ -165,6 +162,17 @@ class Space:
         self, robot: int, nodes: Array, tube: Array, place: Callable[[], tuple[Array, Array]]
     ) -> Swept:
         return Swept(nodes, tube, place, self.motion[robot], self.bend[robot])
+
+    # Placements are bound methods, not closures, so that a gate can be pickled (`armgate.world.saving`).
+
+    def _place_by_model(self, robot: int, q: ArrayLike) -> tuple[Array, Array]:
+        return self.cell.robots[robot].model.body_placements(q)
+
+    def _place_at(self, robot: int, nodes: Array) -> tuple[Array, Array]:
+        return _stacked([self._place(robot, q) for q in nodes])
+
+    def _placed_at(self, robot: int, nodes: Sequence[Joints]) -> tuple[Array, Array]:
+        return _stacked([self._placed(robot, q) for q in nodes])
 
     def _placed(self, robot: int, q: Joints) -> tuple[Array, Array]:
         """Return placements at ``q``; the last few are kept, as successive occupancies share most nodes."""
@@ -185,7 +193,11 @@ class Space:
             if body.robot is None or self.cell.robots[body.robot].model.bodies[body.index].joint < 0:
                 R[0, k], t[0, k] = body.placement.R, body.placement.t
         none = np.zeros((count, 0))
-        return Swept(np.zeros((1, 0)), np.zeros(0), lambda: (R, t), none, none[:, :, None])
+        return Swept(np.zeros((1, 0)), np.zeros(0), partial(_pair, R, t), none, none[:, :, None])
+
+
+def _pair(R: Array, t: Array) -> tuple[Array, Array]:
+    return R, t
 
 
 def _stacked(placed: list[tuple[Array, Array]]) -> tuple[Array, Array]:
