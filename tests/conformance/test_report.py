@@ -93,7 +93,7 @@ async def test_the_command_prints_results_and_exits_with_0(tmp_path):
 
 
 async def test_a_nonconforming_server_gives_status_1(monkeypatch):
-    from armgate.daemon.sessions.welcome import Greeter
+    from armgate.world.welcome import Greeter
 
     right = Greeter.welcome
     monkeypatch.setattr(

@@ -14,7 +14,6 @@ from armgate.conformance.case import Outcome
 from armgate.daemon.lifecycle import daemon as daemon_module
 from armgate.daemon.sessions.peer_socket import TcpPeerSocket
 from armgate.daemon.sessions.session import Session
-from armgate.daemon.sessions.welcome import Greeter
 from armgate.daemon.sessions.writing import WriterBatch
 from armgate.gate import Gate, command_checks
 from armgate.gate.stops import Stops
@@ -30,6 +29,7 @@ from armgate.world.rights import RIGHTS
 from armgate.world.signals import Signals
 from armgate.world.states import Subscription
 from armgate.world.stopping import Stopping
+from armgate.world.welcome import Greeter
 
 CASE_TIMEOUT = 2.0
 LOCKSTEP = ("conformance.yaml", "conformance-lockstep.yaml")

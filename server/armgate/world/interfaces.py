@@ -5,12 +5,13 @@ daemon, a test or a simulation can run the same core.
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from types import TracebackType
 from typing import Any, Protocol
 
 from armgate.events import GateEvent, GateOutput
 from armgate.gate import RobotView
-from armgate.protocol import RemoteProtocolError
+from armgate.protocol import RemoteProtocolError, encode
 from armgate.protocol import messages as m
 from armgate.protocol.messages import Message, Role, State
 
@@ -77,12 +78,16 @@ class Client:
     capabilities: frozenset[str] = field(default_factory=frozenset)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class Encoded:
-    """A state with its frame: encoded once, sent to many clients."""
+    """A state and its frame, which is encoded at its first use: once for many clients."""
 
     state: State
-    frame: bytes
+
+    @cached_property
+    def frame(self) -> bytes:
+        """Frame of the state."""
+        return encode(self.state)
 
 
 class Batch(Protocol):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from armgate.events import Tick
-from armgate.protocol import ErrorCode, RemoteProtocolError, encode
+from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
 from armgate.world import to_protocol
 from armgate.world.interfaces import Encoded, Peer
@@ -61,7 +61,7 @@ class Subscription:
 
 
 class LatestState:
-    """Latest state of one robot; each set of fields is encoded once for all clients."""
+    """Latest state of one robot; each set of fields is made, and encoded, once for all clients."""
 
     def __init__(self, state: m.State) -> None:
         self._state = state
@@ -72,7 +72,7 @@ class LatestState:
         known = self._encoded.get(fields)
         if known is None:
             state = self._state if fields == FIELDS else _selected(self._state, fields)
-            known = self._encoded[fields] = Encoded(state, encode(state))
+            known = self._encoded[fields] = Encoded(state)
         return known
 
 

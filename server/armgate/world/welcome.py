@@ -4,21 +4,21 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from armgate.cell.config import CellConfig
-from armgate.daemon.sessions.session import Session
 from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Dialect
 from armgate.protocol import messages as m
 from armgate.world.description import BODY_EXACT, SESSIONS, STOP_REPLACES
+from armgate.world.interfaces import Client
 from armgate.world.to_protocol import answer
 
 
 class Greeter:
-    """Factory of the welcomes of one daemon.
+    """Factory of the welcomes of one cell.
 
     Args:
         config: The cell's configuration.
-        start: Start id of the daemon.
+        start: Start id that plans carry.
         lockstep: True if time passes in lock-step.
-        dialects: Versions of the protocol that the daemon supports.
+        dialects: Supported versions of the protocol.
     """
 
     def __init__(self, config: CellConfig, start: str, lockstep: bool, dialects: Sequence[Dialect]) -> None:
@@ -37,16 +37,15 @@ class Greeter:
 
     @property
     def dialects(self) -> tuple[Dialect, ...]:
-        """Versions of the protocol that the daemon supports."""
+        """Supported versions of the protocol."""
         return self._dialects
 
-    def welcome(self, session: Session, hello: m.Hello) -> m.Welcome:
-        """Return the welcome of a session."""
-        client = session.client
+    def welcome(self, client: Client, hello: m.Hello, spoken: int | None) -> m.Welcome:
+        """Return the welcome of a client with which version ``spoken`` of the protocol is in use."""
         return answer(
             m.Welcome,
             hello,
-            version=session.version,
+            version=spoken,
             versions=tuple(dialect.version for dialect in self._dialects),
             client_versions=hello.versions,
             capabilities=(BODY_EXACT, STOP_REPLACES, SESSIONS),

@@ -169,7 +169,7 @@ async def slow():
 
 def state(robot="A", tick=0):
     made = m.State(robot=robot, tick=tick, time=0.0, entries=())
-    return Encoded(made, encode(made))
+    return Encoded(made)
 
 
 async def test_messages_reach_the_handler_in_order(line):
@@ -316,7 +316,7 @@ async def test_no_state_follows_the_last_message(line):
     line.hello()
     line.session.pause_writing()
     state = m.State(robot="A", tick=1, time=0.0, entries=())
-    line.session.send_states(Encoded(state, encode(state)))
+    line.session.send_states(Encoded(state))
     line.session.close(m.Bye(reason="over"))
     line.session.resume_writing()
     assert [x.type for x in line.received()] == ["bye"]

@@ -10,7 +10,7 @@ from armgate.daemon.sessions import peer_socket as peer_socket_module
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.session import Session
-from armgate.protocol import Connection, Side, encode
+from armgate.protocol import Connection, Side
 from armgate.protocol import messages as m
 from armgate.world.interfaces import Client, Encoded
 from support.clients import until
@@ -83,7 +83,7 @@ class Server:
         for _ in range(round(seconds / PERIOD)):
             self.tick += 1
             state = m.State(robot="A", tick=self.tick, time=0.0, entries=self.entries, warnings=self.warnings)
-            self.session.send_states(Encoded(state, encode(state)))
+            self.session.send_states(Encoded(state))
             await asyncio.sleep(PERIOD)
 
 

@@ -17,12 +17,12 @@ from armgate.daemon.sessions.login import Login
 from armgate.daemon.sessions.rate_limits import RateLimit, RateLimits, Rates
 from armgate.daemon.sessions.scheduler import FairScheduler
 from armgate.daemon.sessions.session import Session
-from armgate.daemon.sessions.welcome import Greeter
 from armgate.links.log import Log
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
 from armgate.world.core import Core
 from armgate.world.interfaces import RequestHandler
+from armgate.world.welcome import Greeter
 
 _CLOSE = 2.0
 """Time that sessions have to close when the daemon ends, s."""
@@ -194,8 +194,8 @@ class SessionManager:
             session.close(error.message())
             return
         session.stay()
-        session.send(self._greeter.welcome(session, hello))
         client = session.client
+        session.send(self._greeter.welcome(client, hello, session.version))
         fields = {"session": client.id, "name": client.name, "role": client.role, "token": client.token}
         self._log.info("welcome", address=client.address, software=hello.software, **fields)
 
