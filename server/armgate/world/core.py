@@ -46,6 +46,7 @@ class Core:
         robots: Names of the robots, in the order of the configuration.
         peers: Sessions by id.
         leasing: Leases in force.
+        description: Description of the cell.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class Core:
         self._stopping = Stopping(self.robots, gate_runner, self.peers, log)
         self._signals = signals_of(cell.config.server)
         self._states = States(self.robots, defer, observers)
-        self._description = CellDescription(cell, lockstep)
+        self.description = CellDescription(cell, lockstep)
         self._motion = Motion(cell, links)
         self._warnings: dict[str, str] = {}
 
@@ -210,9 +211,9 @@ class Core:
                 self._stopping.check_reset(peer, request)
                 self._feed(events.Reset(request.stop, peer.client.name), peer, request)
             case m.Describe():
-                peer.send(*self._description.describe(request.id))
+                peer.send(*self.description.describe(request.id))
             case m.Asset():
-                assets = self._description.assets
+                assets = self.description.assets
                 peer.send(assets.chunk(request.hash, request.offset, request.length, request.id))
             case m.Sessions():
                 listed = session_list.list_sessions(self.peers, self.leasing, self.robots)

@@ -28,6 +28,11 @@ class LeaseTime:
     read: float
 
 
+def no_expiry() -> LeaseTime:
+    """Return the time of leases in lock-step: none expires, because the barrier drops silent participants."""
+    return LeaseTime(0.0, 0.0)
+
+
 @dataclass(frozen=True, slots=True)
 class Notice:
     """A message about a lease to one client."""

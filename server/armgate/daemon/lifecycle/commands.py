@@ -86,23 +86,20 @@ def check(configs: Configs) -> None:
 def _overridden(
     config: "CellConfig", host: str | None, port: int | None, lockstep: str | None
 ) -> "CellConfig":
-    from armgate.cell.config import LockstepClockConfig
-
     server = {"host": config.server.host if host is None else host}
-    changed: dict[str, object] = {
-        "server": config.server.model_copy(update=server | ({} if port is None else {"port": port}))
-    }
-    if lockstep is not None:
-        names = tuple(name.strip() for name in lockstep.split(","))
-        grace = {"grace": config.clock.grace} if isinstance(config.clock, LockstepClockConfig) else {}
-        try:
-            changed["clock"] = LockstepClockConfig(kind="lockstep", participants=names, **grace)
-        except ValueError as error:
-            text = (
-                f"--lockstep {lockstep!r}: expected the participants' names, each once, separated by commas"
-            )
-            raise ServeError(text) from error
-    return config.model_copy(update=changed)
+    settings = config.server.model_copy(update=server | ({} if port is None else {"port": port}))
+    changed = config.model_copy(update={"server": settings})
+    return changed if lockstep is None else _in_lockstep(changed, lockstep)
+
+
+def _in_lockstep(config: "CellConfig", names: str) -> "CellConfig":
+    from armgate.world.lockstep_config import in_lockstep
+
+    try:
+        return in_lockstep(config, [name.strip() for name in names.split(",")])
+    except ValueError as error:
+        text = f"--lockstep {names!r}: expected the participants' names, each once, separated by commas"
+        raise ServeError(text) from error
 
 
 @contextmanager

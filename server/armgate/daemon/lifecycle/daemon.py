@@ -24,7 +24,6 @@ from armgate.daemon.recording.supervision import Recording
 from armgate.daemon.sessions.manager import SessionManager
 from armgate.daemon.sessions.read_time import ReadTime
 from armgate.daemon.sessions.scheduler import FairScheduler
-from armgate.daemon.sessions.welcome import Greeter
 from armgate.links.kind import make_stepped_link
 from armgate.links.link import Link, SteppedLink
 from armgate.links.log import Log
@@ -33,7 +32,8 @@ from armgate.protocol import DIALECTS, Dialect, ErrorCode, RemoteProtocolError
 from armgate.world.core import Core
 from armgate.world.gate_runner import GateRunner
 from armgate.world.interfaces import Gate, Peer, RequestHandler
-from armgate.world.lease_changes import LeaseTime
+from armgate.world.lease_changes import LeaseTime, no_expiry
+from armgate.world.welcome import Greeter
 
 
 class Daemon:
@@ -108,8 +108,7 @@ class Daemon:
             pace.now,
             self._log,
             lockstep=lockstep,
-            # In lock-step the barrier drops silent participants; no lease expires by virtual time.
-            lease_time=(lambda: _NEVER) if lockstep else (lambda: LeaseTime(pace.now(), read_time())),
+            lease_time=no_expiry if lockstep else (lambda: LeaseTime(pace.now(), read_time())),
             # In lock-step the messages to a client must not depend on how fast other clients are.
             defer=None if lockstep else defer,
             observers=[*self._health.observers, *self._recording.observers],
@@ -257,9 +256,6 @@ class Daemon:
     def _queues(self) -> dict[str, int]:
         """Return the lengths of queues: records, lines of the log, bytes for clients that read slowly."""
         return {**self._recording.depth, "log": self._log.depth, **self._sessions.queues()}
-
-
-_NEVER = LeaseTime(0.0, 0.0)
 
 
 def _make_pace(
