@@ -162,6 +162,19 @@ def test_a_participant_that_disconnects_when_done_keeps_its_lease_until_the_step
     assert stage.step == 2
 
 
+@pytest.mark.parametrize("order", ["ab", "ba"])
+def test_a_participant_that_leaves_receives_no_verdict_however_fast_the_others_are(stage, order):
+    a, b = stage.holder("a", "A"), stage.holder("b", "B")
+    for name in order:
+        if name == "b":
+            stage.command(b, "B")
+        else:
+            stage.command(a, "B")  # a does not hold B, so this does not end its step
+            stage.run.leave(a)
+    assert stage.step == 1
+    assert a.take(m.Verdict) == []
+
+
 def test_a_participant_that_leaves_ends_the_wait(stage):
     a, b = stage.holder("a", "A"), stage.holder("b", "B")
     stage.command(a, "A")

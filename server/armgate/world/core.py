@@ -179,15 +179,15 @@ class Core:
             text = f"no robot {robot}; the cell has {', '.join(self.robots)}"
             raise RemoteProtocolError(ErrorCode.UNKNOWN_ROBOT, text, about=about, seq=seq)
 
-    def command(self, peer: Peer, command: m.Command) -> None:
-        """Pass a command to the gate, after `check_robot`; its sender receives the verdict."""
+    def command(self, peer: Peer, command: m.Command, *, answer: bool = True) -> None:
+        """Pass a command to the gate, after `check_robot`; its sender receives the verdict if ``answer``."""
         self.expire()
         # The gate also checks the holder: a client that guesses a fence does not control the robot.
         holder = self.leasing.is_holder(peer.client.id, command.robot)
         event = events.Command(
             command.robot, command.fence, command.seq, based_on=command.tick, dq=command.dq, holder=holder
         )
-        self._feed(event, peer)
+        self._feed(event, peer if answer else None)
 
     def _dispatch(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case per message)
         match request:

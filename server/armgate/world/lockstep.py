@@ -249,7 +249,8 @@ class Lockstep:
         """Pass the commands to the gate, make the robots tick, then process messages that were sent ahead."""
         commands, self._commands = sorted(self._commands, key=self._order), []
         for peer, command in commands:
-            self._core.command(peer, command)
+            # A client that has left receives no verdict: whether it came in time would depend on its speed.
+            self._core.command(peer, command, answer=self._takes_part(peer))
         instant = self._clock.advance()
         self._time = instant.time
         ticked = [self._core.robots[index] for index in instant.due]
