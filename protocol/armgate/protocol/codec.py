@@ -30,6 +30,7 @@ _SHOWN = 40
 _MAP16 = 0xDE
 _CONTAINERS = frozenset((tuple, dict))
 _SECRET = "token"  # noqa: S105 (the name of the field)
+_TYPE: bytes = msgpack.packb("type")
 
 
 def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
@@ -52,14 +53,18 @@ def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
 
 
 def with_re(frame_: bytes, re: int) -> bytes:
-    """Add ``re`` to the frame of an answer that was encoded without it; the rest is not encoded again."""
+    """Add ``re`` to the frame of an answer that was encoded without it; the rest is not encoded again.
+
+    The result is the frame that `encode` returns for the answer with ``re``, which follows the type.
+    """
     payload = frame_[HEADER:]
     if payload[0] != _MAP16:
         count, body = payload[0] & 0x0F, payload[1:]
     else:
         count, body = int.from_bytes(payload[1:3], "big"), payload[3:]
     head = msgpack.Packer().pack_map_header(count + 1)
-    return frame(head + msgpack.packb("re") + msgpack.packb(re) + body)
+    end = len(_TYPE) + 1 + (body[len(_TYPE)] & 0x1F)  # names of types are shorter than 32 bytes
+    return frame(head + body[:end] + msgpack.packb("re") + msgpack.packb(re) + body[end:])
 
 
 def decode(payload: bytes, catalogue: Mapping[str, type[Message]], max_array: int = MAX_ARRAY) -> Message:
