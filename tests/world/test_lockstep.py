@@ -239,6 +239,15 @@ def test_other_clients_observe_and_stop_but_take_no_part(stage):
     assert stage.step == 1
 
 
+def test_a_stop_by_another_client_ends_the_step_if_the_participants_are_done_by_it(stage):
+    a, b, eye = stage.holder("a", "A", "B"), stage.client("b"), stage.client("eye", "operator")
+    stage.run.handle(b, m.Pass(step=0))
+    stage.command(a, "A")
+    assert stage.step == 0  # a holds B, too
+    stage.run.handle(eye, m.Stop(robot="B", reason="enough"))
+    assert stage.step == 1
+
+
 def test_with_mixed_periods_a_step_waits_only_for_holders_of_robots_that_ticked(tmp_path):
     stage = Stage(arms_config(tmp_path, periods=(0.012, 0.004)))
     a, b = stage.holder("a", "A"), stage.holder("b", "B")

@@ -140,18 +140,14 @@ class Lockstep:
 
     def handle(self, peer: Peer, request: ClientRequest) -> None:
         """Process a request in this step, or in the next one if its participant is done with this one."""
-        if not self._takes_part(peer):
-            self._handle_other(peer, request)
-            return
-        name = peer.client.name
-        self._barrier.note_message(name, self._wall())
-        if self._barrier.done(name) and not isinstance(request, m.Ping):
-            self._keep(peer, request)
+        if self._takes_part(peer):
+            self._handle_participant(peer, request)
         else:
-            self._process(peer, request)
+            self._handle_other(peer, request)
         if not isinstance(request, _END_NO_STEP):
-            self._go_on()
-            self._hold_if_done(peer)
+            self._go_on()  # also after a stop by an observer: a participant may be done that loses a robot
+            if self._takes_part(peer):
+                self._hold_if_done(peer)
 
     def leave(self, peer: Peer) -> None:
         """Forget a session; a participant that is done with the step leaves at the end of the step."""
@@ -169,6 +165,14 @@ class Lockstep:
     def _held_by(self, name: str) -> set[str]:
         peer = self._sessions.get(name)
         return set() if peer is None else self._core.leasing.held_by(peer.client.id)
+
+    def _handle_participant(self, peer: Peer, request: ClientRequest) -> None:
+        name = peer.client.name
+        self._barrier.note_message(name, self._wall())
+        if self._barrier.done(name) and not isinstance(request, m.Ping):
+            self._keep(peer, request)
+        else:
+            self._process(peer, request)
 
     def _handle_other(self, peer: Peer, request: ClientRequest) -> None:
         """Process a request of a client that takes no part: it may observe and stop, but not change a run."""
