@@ -53,6 +53,7 @@ class RandomSessions:
         self.open = {}
         self.fences, self.stops = {}, []
         self.seq = self.pings = 0
+        self.spoke = -1, set()  # number of a step, and the connections that commanded or passed in it
 
     def run(self, count):
         """Let clients do a number of things."""
@@ -74,14 +75,22 @@ class RandomSessions:
         missing = [name for name in (*PARTICIPANTS, "eye") if name not in self._names()]
         if missing and self.rng.random() < 0.5:
             self._join(self.rng.choice(missing))
-        elif self.rng.random() < 0.01:
+        elif self.rng.random() < 0.005:
             self._join(self.rng.choice(PARTICIPANTS))  # refused if it is connected
         elif self.open:
-            number = self.rng.choice(list(self.open))
-            if self.rng.random() < 0.01:
+            number = self._speaker()
+            if self.rng.random() < 0.005:
                 self._leave(number)
             else:
                 self._send(number, self._message(self.open[number]))
+
+    def _speaker(self):
+        """Return a connection; one that has commanded or passed in this step is rarely chosen."""
+        if self.world.number != self.spoke[0]:
+            self.spoke = self.world.number, set()
+        participants = [number for number, client in self.open.items() if client.name in PARTICIPANTS]
+        quiet = [number for number in participants if number not in self.spoke[1]]
+        return self.rng.choice(quiet if quiet and self.rng.random() < 0.9 else list(self.open))
 
     def _names(self):
         return [client.name for client in self.open.values()]
@@ -115,6 +124,8 @@ class RandomSessions:
             ping = m.Ping(id=1_000_000 + self.pings, time=0.0)
             client.send(ping)
         self.actions.append(Send(number, message, ping))
+        if isinstance(message, m.Command | m.Pass):
+            self.spoke[1].add(number)
 
     def _take(self):
         for number, client in list(self.open.items()):
@@ -145,10 +156,10 @@ class RandomSessions:
     def _message(self, client):
         rng = self.rng
         held = [robot for name, robot in self.fences if name == client.name]
-        if client.name in PARTICIPANTS and rng.random() < 0.75:
+        if client.name in PARTICIPANTS and rng.random() < 0.85:
             if held and rng.random() < 0.9:
                 return self._command(client, rng.choice(held))
-            return m.Acquire(robot=self._robot()) if rng.random() < 0.4 else m.Pass(step=self.world.number)
+            return m.Acquire(robot=self._robot()) if rng.random() < 0.6 else m.Pass(step=self.world.number)
         weights, makers = zip(*self._others(client), strict=True)
         return rng.choices(makers, weights)[0]()
 
@@ -179,13 +190,13 @@ class RandomSessions:
             (4, lambda: m.Signal(id=some_id, name=rng.choice(("x", "y", "operator.z")), value=(1.0,))),
             (4, lambda: m.Acquire(id=some_id, robot=self._robot(), takeover=rng.random() < 0.3, speed=0.5)),
             (2, lambda: m.Release(robot=self._robot(), fence=rng.randint(1, 4))),
-            (1, lambda: m.Stop(id=some_id, reason="enough", robot=rng.choice((None, *robots)))),
+            (0.5, lambda: m.Stop(id=some_id, reason="enough", robot=rng.choice((None, *robots)))),
             (8, lambda: m.Reset(id=some_id, stop=self.stops[-1] if self.stops else 1)),
             (2, lambda: m.Reset(id=some_id, stop=rng.randint(1, 5))),
             (2, lambda: m.Pass(step=max(0, self.world.number + rng.choice((0, 0, 1, -1))))),
             (1, lambda: m.Ping(time=1.0)),
             (1, lambda: m.Describe(id=some_id)),
-            (1, lambda: m.Kick(id=some_id, session=rng.choice(("p0", "p1", "s3", *["s99"] * 9)))),
+            (0.5, lambda: m.Kick(id=some_id, session=rng.choice(("p0", "p1", "s3", *["s99"] * 9)))),
         )  # fmt: skip
 
 

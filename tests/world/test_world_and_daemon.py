@@ -11,7 +11,7 @@ from support.cells import arms_config
 from support.daemons import serving
 from support.sessions import RandomSessions, repeat
 
-SEEDS = range(24)
+SEEDS = range(32)
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,7 @@ def cell(tmp_path_factory):
     return build_cell(arms_config(folder, periods=(0.012, 0.004), lag=0.03, clock=clock, server=server))
 
 
-def sessions(cell, seed, count=400):
+def sessions(cell, seed, count=600):
     return RandomSessions(World(cell), random.Random(seed)).run(count)
 
 

@@ -11,13 +11,14 @@ from armgate.world.states import Snapshot
 class RunRecorder(Protocol):
     """Recorder of one run in a world."""
 
-    def begin(self, cell: Cell, start: str, now: Callable[[], float]) -> None:
+    def begin(self, cell: Cell, start: str, now: Callable[[], float], compiled: bool | None) -> None:
         """Begin the recording, before the first event.
 
         Args:
             cell: The cell.
             start: Start id that plans carry.
             now: Virtual time, s.
+            compiled: Form of the gate's kernels, as for `Gate`.
         """
 
     def tap(self, event: GateEvent, outputs: Sequence[GateOutput]) -> None:
@@ -37,10 +38,10 @@ class RunRecorders:
     def __init__(self, recorders: Sequence[RunRecorder] = ()) -> None:
         self._recorders = tuple(recorders)
 
-    def begin(self, cell: Cell, start: str, now: Callable[[], float]) -> None:
+    def begin(self, cell: Cell, start: str, now: Callable[[], float], compiled: bool | None) -> None:
         """Begin all recordings."""
         for recorder in self._recorders:
-            recorder.begin(cell, start, now)
+            recorder.begin(cell, start, now, compiled)
 
     def tap(self, event: GateEvent, outputs: list[GateOutput]) -> None:
         """Record an event and the gate's outputs."""

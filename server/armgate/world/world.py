@@ -68,7 +68,7 @@ class World:
         self._mailboxes: list[Mailbox] = []
         self._clients: list[WorldClient] = []
         self._joined = 0
-        self._recorders.begin(cell, start, self._lockstep.now)
+        self._recorders.begin(cell, start, self._lockstep.now, compiled)
         self._lockstep.start(self._core, self._tick)
 
     @classmethod
