@@ -10,6 +10,8 @@ from support.clients import PATIENCE
 
 PARTICIPANTS = ("a", "b")
 ROLES = ("controller", "operator")
+AHEAD = 6
+"""Largest number of messages of a participant that wait for later steps, less one."""
 
 
 @dataclass(frozen=True)
@@ -81,16 +83,23 @@ class RandomSessions:
             number = self._speaker()
             if self.rng.random() < 0.005:
                 self._leave(number)
-            else:
+            elif not self._is_far_ahead(self.open[number]):
                 self._send(number, self._message(self.open[number]))
 
     def _speaker(self):
-        """Return a connection; one that has commanded or passed in this step is rarely chosen."""
+        """Return a connection, rarely one that has commanded or passed in this step.
+
+        Messages ahead may complete many steps at once. A daemon then sends many states while no client can
+        read, and newer ones replace unread ones. So the number of messages ahead is bounded.
+        """
         if self.world.number != self.spoke[0]:
             self.spoke = self.world.number, set()
         participants = [number for number, client in self.open.items() if client.name in PARTICIPANTS]
         quiet = [number for number in participants if number not in self.spoke[1]]
         return self.rng.choice(quiet if quiet and self.rng.random() < 0.9 else list(self.open))
+
+    def _is_far_ahead(self, client):
+        return client.name in PARTICIPANTS and len(self.world._lockstep._ahead[client.name]) > AHEAD
 
     def _names(self):
         return [client.name for client in self.open.values()]
