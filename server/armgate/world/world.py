@@ -10,7 +10,7 @@ from math import inf
 from pathlib import Path
 
 from armgate.cell.cell import Cell, build_cell
-from armgate.cell.config import LockstepClockConfig, load_config
+from armgate.cell.config import LockstepClockConfig, in_lockstep, load_config
 from armgate.gate import Gate
 from armgate.links.kind import make_stepped_link
 from armgate.protocol import DIALECTS, VERSIONS
@@ -23,7 +23,6 @@ from armgate.world.gate_runner import GateRunner
 from armgate.world.interfaces import Client, ClientRequest
 from armgate.world.lease_changes import no_expiry
 from armgate.world.lockstep import Lockstep
-from armgate.world.lockstep_config import in_lockstep
 from armgate.world.mailbox import Mailbox
 from armgate.world.no_log import NoLog
 from armgate.world.run_recorders import RunRecorder, RunRecorders

@@ -93,7 +93,7 @@ def _overridden(
 
 
 def _in_lockstep(config: "CellConfig", names: str) -> "CellConfig":
-    from armgate.world.lockstep_config import in_lockstep
+    from armgate.cell.config import in_lockstep
 
     try:
         return in_lockstep(config, [name.strip() for name in names.split(",")])

@@ -11,6 +11,7 @@ from armgate.cell.config.daemon import (
     TlsConfig,
     WallClockConfig,
 )
+from armgate.cell.config.in_lockstep import in_lockstep
 from armgate.cell.config.robot import BodyConfig, FrameConfig, GantryConfig, JointConfig, RobotConfig
 from armgate.cell.config.shape import MeshConfig, MeshesConfig, MeshOptions, Pose, ShapeConfig
 
@@ -36,5 +37,6 @@ __all__ = [
     "TlsConfig",
     "WallClockConfig",
     "dump_config",
+    "in_lockstep",
     "load_config",
 ]

@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from armgate.cell.config import CellConfig, LockstepClockConfig
+from armgate.cell.config.cell import CellConfig
+from armgate.cell.config.daemon import LockstepClockConfig
 
 
 def in_lockstep(config: CellConfig, participants: Sequence[str]) -> CellConfig:
