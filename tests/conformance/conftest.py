@@ -1,7 +1,5 @@
 """Fixture that runs a daemon in this event loop, and the kit's cases against it."""
 
-import asyncio
-import io
 from contextlib import asynccontextmanager
 from functools import cache
 from pathlib import Path
@@ -13,9 +11,7 @@ from armgate.cell.config import load_config
 from armgate.conformance.case import select_cases
 from armgate.conformance.runner import Runner
 from armgate.conformance.target import Target, query_server
-from armgate.daemon.lifecycle.daemon import Daemon
-from armgate.gate import Gate
-from armgate.links.log import Log
+from support import daemons
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TIMEOUT = 20.0
@@ -30,18 +26,8 @@ def cell(*files):
 @asynccontextmanager
 async def serving(*files, build=cell, **more):
     """Run a daemon and yield its port; ``more`` are further arguments of ``Daemon``, such as its dialects."""
-    log = Log(io.StringIO())
-    daemon = Daemon(build(*files), Gate, log, **more)
-    port = asyncio.get_running_loop().create_future()
-    task = asyncio.create_task(daemon.run(lambda host, number: port.set_result(number)))
-    try:
-        await asyncio.wait([port, task], return_when=asyncio.FIRST_COMPLETED, timeout=TIMEOUT)
-        yield port.result()
-    finally:
-        while not task.done():
-            daemon.end()
-            await asyncio.wait([task], timeout=TIMEOUT)
-        log.close()
+    async with daemons.serving(build(*files), **more) as port:
+        yield port
 
 
 @asynccontextmanager

@@ -193,8 +193,8 @@ class Lockstep:
             ahead.append(request)
         else:
             text = f"more than {_AHEAD} messages ahead of step {self._barrier.step}; wait for the next state"
-            error = RemoteProtocolError(ErrorCode.TOO_MANY, text, about=request.type)
-            error.re, error.seq = getattr(request, "id", None), getattr(request, "seq", None)
+            re, seq = getattr(request, "id", None), getattr(request, "seq", None)
+            error = RemoteProtocolError(ErrorCode.TOO_MANY, text, about=request.type, re=re, seq=seq)
             peer.close(error.message())
 
     def _process(self, peer: Peer, request: ClientRequest) -> None:
