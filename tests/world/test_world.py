@@ -179,6 +179,12 @@ def test_participants_replace_the_configured_clock(tmp_path):
     assert world.complete
 
 
+def test_a_robot_with_a_clock_of_its_own_is_an_error():
+    configs = Path(__file__).parents[2] / "configs"
+    with pytest.raises(TypeError, match="has a clock of its own"):
+        World.load(configs / "demo.yaml", configs / "links" / "rsi-virtual.yaml", participants=["a"])
+
+
 # --- copies -----------------------------------------------------------------------------------------------
 
 
