@@ -1,6 +1,6 @@
 """Time of one step of the two-robot demo cell in one process, with its gate, without controllers.
 
-A participant holds each robot. It moves one joint after the other to and fro, with the same increments in
+A participant holds each robot. It moves one joint after the other back and forth, with the same increments in
 every run, and receives all states. The increments need no controller. The shares of the parts of a step are
 measured in a second run, with timers around them that slow it down.
 
@@ -85,7 +85,7 @@ class Run:
 
 
 def _increment(number: int, largest: np.ndarray) -> tuple[float, ...]:
-    """Return the increment of one joint, which swings to and fro and ends where it began."""
+    """Return the increment of one joint, which swings back and forth and ends where it began."""
     turn, phase = divmod(number, 200)
     dq = np.zeros(len(largest))
     joint = turn % len(largest)

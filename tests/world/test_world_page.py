@@ -1,4 +1,4 @@
-"""The programs of docs/world.md run and do what the page says."""
+"""The programs of docs/world.md run and do what the page states."""
 
 import re
 from pathlib import Path
