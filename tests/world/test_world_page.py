@@ -1,5 +1,7 @@
 """The programs of docs/world.md run and do what the page states."""
 
+import contextlib
+import io
 import re
 from pathlib import Path
 
@@ -15,18 +17,19 @@ MOVE, COPY, RECORD = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | 
 
 @pytest.fixture
 def namespace(tmp_path, monkeypatch):
-    """Return the names of the first program after its end."""
+    """Return the names of the first program after its end, and its output as ``printed``."""
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     monkeypatch.chdir(tmp_path)
-    names = {}
-    exec(MOVE, names)
-    return names
+    names, output = {}, io.StringIO()
+    with contextlib.redirect_stdout(output):
+        exec(MOVE, names)
+    return names | {"printed": output.getvalue()}
 
 
-def test_the_first_program_moves_a_robot_in_ten_lines(namespace, capsys):
+def test_the_first_program_moves_a_robot_in_ten_lines(namespace):
     statements = [line for line in MOVE.splitlines() if line and not line.startswith("from ")]
     assert len(statements) <= 10
-    lines = capsys.readouterr().out.splitlines()
+    lines = namespace["printed"].splitlines()
     assert len(lines) == 84  # 1 s in ticks of 12 ms
     first, last = (float(re.match(r"\(([^,]+),", line)[1]) for line in (lines[0], lines[-1]))
     assert first == 0.0
