@@ -10,10 +10,11 @@ import pytest
 from armgate import events
 from armgate.gate.clearance.engines import CoalEngine
 from armgate.protocol import messages as m
+from armgate.world import interfaces
 from armgate.world.interfaces import ClientRequest
 from armgate.world.rights import RIGHTS
 from support.cells import arms_config
-from support.peers import Bench
+from support.peers import Bench, Peer
 
 
 @pytest.fixture(scope="module")
@@ -394,12 +395,9 @@ def test_a_subscription_to_an_unknown_robot_or_field_is_an_error(bench, wish, co
 
 
 def test_a_state_is_encoded_once_for_all_clients_with_the_same_fields(bench, monkeypatch):
-
-    from armgate.world import states
-
-    encoded = []
-    real = states.encode
-    monkeypatch.setattr(states, "encode", lambda state: encoded.append(state) or real(state))
+    encoded, real = [], interfaces.encode
+    monkeypatch.setattr(interfaces, "encode", lambda state: encoded.append(state) or real(state))
+    monkeypatch.setattr(Peer, "send_states", lambda self, *states: [state.frame for state in states])
     for number in range(20):
         peer = bench.client(f"eye{number}", "observer")
         bench.core.handle(peer, m.Subscribe(fields=("q",) if number % 2 else None))
