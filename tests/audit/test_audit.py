@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from armgate.daemon.recording.recorder import Recorder
-from armgate.daemon.recording.signer import load_signer
+from armgate.recorder.signer import load_signer
 from armgate.recording import Recording, part_name
 from armgate.recording.scan import scan
 from support import records

@@ -17,7 +17,6 @@ from armgate import events as e
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.daemon.recording.recorder import Recorder
-from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
 from armgate.monitor.findings import Finding
@@ -26,6 +25,7 @@ from armgate.monitor.monitor import Monitor
 from armgate.monitor.tick_state import state_of_entry
 from armgate.monitor.yaml_files import read_files
 from armgate.protocol import messages as m
+from armgate.recorder.header import header_of
 from armgate.world import to_protocol
 from armgate.world.gate_runner import GateRunner
 from armgate.world.states import Snapshot

@@ -2,9 +2,9 @@
 
 from armgate import events as e
 from armgate.daemon.recording.recorder import Recorder
-from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
+from armgate.recorder.header import header_of
 from armgate.world.gate_runner import GateRunner
 
 START = "feed"

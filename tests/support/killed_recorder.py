@@ -12,11 +12,11 @@ from pathlib import Path
 
 from armgate import events as e
 from armgate.cell.cell import build_cell
-from armgate.daemon.recording.record_file import RecordFile
 from armgate.daemon.recording.recorder import Recorder
-from armgate.daemon.recording.start import header_of
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
+from armgate.recorder.header import header_of
+from armgate.recorder.record_file import RecordFile
 from armgate.world.gate_runner import GateRunner
 from support.cells import arms_config
 

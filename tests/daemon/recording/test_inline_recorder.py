@@ -5,7 +5,7 @@ import errno
 import os
 
 from armgate.daemon.recording.inline_recorder import InlineRecorder
-from armgate.daemon.recording.record_file import RecordFile
+from armgate.recorder.record_file import RecordFile
 from armgate.recording import LogLine, Recording
 from support import records
 from support.clients import until

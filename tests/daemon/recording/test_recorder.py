@@ -8,8 +8,8 @@ import pytest
 
 from armgate.audit.recover import recover_recording
 from armgate.daemon.recording.inline_recorder import InlineRecorder
-from armgate.daemon.recording.record_file import RecordFile
 from armgate.daemon.recording.recorder import Recorder
+from armgate.recorder.record_file import RecordFile
 from armgate.recording import Gap, LogLine, Recording, Step
 from armgate.recording.verify import verify
 from support import records

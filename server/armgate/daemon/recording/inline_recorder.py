@@ -6,7 +6,8 @@ loop has to answer. No record is lost if the disk is slow, because the run waits
 
 import asyncio
 
-from armgate.daemon.recording.recorder import Recorder, StateAt
+from armgate.daemon.recording.recorder import Recorder
+from armgate.recorder.parts import StateAt
 from armgate.recording import Item
 
 
@@ -26,7 +27,7 @@ class InlineRecorder(Recorder):
             self._flushing.cancel()
             self._flushing = None
         if self._failure is None:
-            self._guarded(self._close_part)
+            self._guarded(self._parts.close)
 
     def _start(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -49,11 +50,11 @@ class InlineRecorder(Recorder):
 
     def _write_all(self) -> None:
         while self._queue and (queued := self._queue.popleft()) is not None:
-            self._put_into_file(*queued)
+            self._parts.put(*queued)
         if self._flushing is None:
             self._flushing = self._loop.call_later(self._flush, self._flush_on)
 
     def _flush_on(self) -> None:
         self._flushing = None
         if self._failure is None:
-            self._guarded(self._flush_part)
+            self._guarded(self._parts.flush)

@@ -9,14 +9,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from armgate.daemon.recording.record_file import RecordFile
-from armgate.events import GateEvent, GateOutput, Tick
-from armgate.protocol import messages as m
-from armgate.recording import CellState, Gap, Header, Item, LogLine, RobotState, Step, part_name
+from armgate.events import GateEvent, GateOutput
+from armgate.recorder.parts import ROTATE, Parts, StateAt, state_at
+from armgate.recorder.record_file import RecordFile
+from armgate.recording import Gap, Header, Item, LogLine, Step
 from armgate.recording.chain import Seal, Signer
 from armgate.world.states import Snapshot
 
@@ -25,20 +24,6 @@ FLUSH = 0.12
 
 _POLL = 0.02
 """Time between two polls of the queue by the thread, s: each wake-up costs time of the event loop."""
-
-
-@dataclass(frozen=True, slots=True)
-class StateAt:
-    """States of an instant, which the thread turns into records."""
-
-    ticks: Sequence[Tick]
-    entries: Sequence[m.Entry]
-    cell: CellState
-
-    def items(self) -> list[Item]:
-        """Return its records."""
-        own = {entry.robot: entry for entry in self.entries}
-        return [*(RobotState(own[tick.robot]) for tick in self.ticks), self.cell]
 
 
 _Queued = tuple[float, Item | StateAt] | None
@@ -61,7 +46,6 @@ class Recorder:
     Attributes:
         folder: Folder of the files.
         required: As the argument.
-        seal: End of the hash chain of the file that was closed last.
     """
 
     def __init__(
@@ -69,7 +53,7 @@ class Recorder:
         folder: Path,
         *,
         required: bool = False,
-        rotate: int = 1 << 28,
+        rotate: int = ROTATE,
         limit: int = 16384,
         flush: float = FLUSH,
         signer: Signer | None = None,
@@ -79,19 +63,16 @@ class Recorder:
     ) -> None:
         self.folder = folder
         self.required = required
-        self._rotate = rotate
+        self._parts = Parts(folder, rotate, signer, create)
         self._limit = limit
         self._flush = flush
-        self._create, self._signer = create, signer
         self._clock, self._pause = clock, pause
         self._queue: deque[_Queued] = deque()
         self._lost = 0
         self._pending = Gap(0, 0)
         self._failure: str | None = None
         self._now: Callable[[], float] = lambda: 0.0
-        self._part: RecordFile
         self._begun = self._ended = False
-        self.seal: Seal | None = None
         self._thread: threading.Thread | None = None
 
     def begin(self, header: Header, now: Callable[[], float]) -> None:
@@ -104,9 +85,8 @@ class Recorder:
         Raises:
             OSError: The folder or the file cannot be created.
         """
-        self.folder.mkdir(parents=True, exist_ok=True)
         self._now = now
-        self._part = self._open(header)
+        self._parts.begin(header)
         self._begun = True
         self._start()
 
@@ -115,6 +95,11 @@ class Recorder:
         self._thread.start()
 
     # --- from the event loop ------------------------------------------------------------------------------
+
+    @property
+    def seal(self) -> Seal | None:
+        """End of the hash chain of the file that was closed last."""
+        return self._parts.seal
 
     @property
     def ended_early(self) -> bool:
@@ -146,12 +131,9 @@ class Recorder:
 
     def show(self, snapshot: Snapshot) -> None:
         """Record the states of an instant."""
-        ticks = snapshot.ticks
-        if ticks:
-            at = ticks[0].time
-            by_robot = {tick.robot: tick.tick for tick in ticks}
-            cell = CellState(at, snapshot.step, by_robot, snapshot.signals, snapshot.warnings)
-            self._put(at, StateAt(ticks, snapshot.entries, cell))
+        state = state_at(snapshot)
+        if state is not None:
+            self._put(state.cell.time, state)
 
     def log(self, record: Mapping[str, Any]) -> None:
         """Record a line of the log."""
@@ -166,7 +148,7 @@ class Recorder:
             self._queue.append(None)
             self._thread.join(timeout)
             if self._thread.is_alive():
-                self._failure = f"{self._part.path}: not written within {timeout:g} s"
+                self._failure = f"{self._parts.path}: not written within {timeout:g} s"
             self._thread = None
 
     def _put(self, at: float, item: Item | StateAt) -> None:
@@ -197,13 +179,13 @@ class Recorder:
                 self._pause(_POLL)
             elif (queued := self._queue.popleft()) is None:
                 self._ended = True
-                self._close_part()
+                self._parts.close()
                 return
             else:
-                self._put_into_file(*queued)
+                self._parts.put(*queued)
                 self._pause(0)  # the event loop may wait for the interpreter: let it run first
             if self._clock() >= due:
-                self._flush_part()
+                self._parts.flush()
                 due = self._clock() + self._flush
 
     def _next_queued(self) -> _Queued:
@@ -222,26 +204,6 @@ class Recorder:
         except Exception as error:
             self._fail(repr(error))
 
-    def _put_into_file(self, at: float, item: Item | StateAt) -> None:
-        for one in item.items() if isinstance(item, StateAt) else (item,):
-            self._part.put(one, at)
-
-    def _flush_part(self) -> None:
-        self._part.flush()
-        if self._part.size >= self._rotate:
-            self._next_part()
-
-    def _next_part(self) -> None:
-        previous, header = self._close_part(last=False).digest.hex(), self._part.header
-        self._part = self._open(header.model_copy(update={"part": header.part + 1, "previous": previous}))
-
-    def _close_part(self, *, last: bool = True) -> Seal:
-        self.seal = self._part.close(last=last)
-        return self.seal
-
-    def _open(self, header: Header) -> RecordFile:
-        return self._create(self.folder / part_name(header.part), header, self._signer)
-
     def _fail(self, why: str) -> None:
-        self._part.abandon()
-        self._failure = f"{self._part.path}: {why}"
+        self._parts.abandon()
+        self._failure = f"{self._parts.path}: {why}"

@@ -1,22 +1,16 @@
-"""Start of a recording: its folder and its header."""
+"""Start of a recording: the recorder that a configuration asks for, and its folder."""
 
-import base64
-import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 
-from armgate.cell.cell import Cell
 from armgate.cell.config import CellConfig, LockstepClockConfig
-from armgate.cell.config.packing import pack
 from armgate.daemon.recording.inline_recorder import InlineRecorder
 from armgate.daemon.recording.recorder import Recorder
-from armgate.daemon.recording.signer import SignerError, load_signer
-from armgate.gate.clearance.compiled import available
-from armgate.recording import Header, machine, software
+from armgate.recorder.signer import SignerError, load_signer
+from armgate.recording import Header
 from armgate.recording.chain import Signer
 from armgate.recording.reader import PATTERN
-from armgate.world.description import CellDescription
 
 
 class RecorderError(Exception):
@@ -69,33 +63,3 @@ def begin(recorder: Recorder, header: Header, now: Callable[[], float]) -> None:
     except OSError as error:
         text = f"{recorder.folder}: cannot record into this folder: {error.strerror or error}"
         raise RecorderError(text) from error
-
-
-def header_of(cell: Cell, start: str, lockstep: bool, now: float, compiled: bool | None = None) -> Header:
-    """Return the header of a recording.
-
-    Args:
-        cell: The cell.
-        start: The daemon's start id.
-        lockstep: True if time passes in lock-step.
-        now: Daemon time, s.
-        compiled: True if the gate's kernels are compiled; None: True if compiled kernels are available.
-    """
-    described = CellDescription(cell, lockstep)
-    return Header(
-        start=start,
-        origin_ns=time.time_ns() - round(now * 1e9),
-        cell=cell.name,
-        hash=cell.hash,
-        lockstep=lockstep,
-        judge="compiled" if (available() if compiled is None else compiled) else "numpy",
-        software=software(),
-        machine=machine(),
-        files=_texts(pack(cell.config)),
-        description=described.description.model_dump(mode="json"),
-        assets=_texts(described.assets.by_hash),
-    )
-
-
-def _texts(given: Mapping[str, bytes]) -> dict[str, str]:
-    return {name: base64.b64encode(data).decode() for name, data in given.items()}

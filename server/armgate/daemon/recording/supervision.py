@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 from armgate.cell.cell import Cell
 from armgate.daemon.recording.recorder import Recorder
-from armgate.daemon.recording.start import begin, header_of
+from armgate.daemon.recording.start import begin
 from armgate.links.log import Log
+from armgate.recorder.header import header_of
 from armgate.world.core import Core
 from armgate.world.states import Observer
 

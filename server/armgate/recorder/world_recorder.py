@@ -1,40 +1,18 @@
-"""Recorder of a world (`armgate.world`): writes each record at once, without thread and event loop."""
+"""Recorder of a world (`armgate.world`): writes in the call that records, without thread and event loop."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from armgate.cell.cell import Cell
-from armgate.daemon.recording.recorder import Recorder, StateAt
-from armgate.daemon.recording.start import header_of
 from armgate.events import GateEvent, GateOutput
-from armgate.recording import Item
+from armgate.recorder.header import header_of
+from armgate.recorder.parts import ROTATE, Parts, StateAt, state_at
+from armgate.recording import Item, Step
 from armgate.recording.chain import Signer
 from armgate.world.states import Snapshot
 
 _FLUSH = 4096
 """Number of records between two flushes."""
-
-
-class SynchronousRecorder(Recorder):
-    """`Recorder` that writes in the call that records; a failure of the disk raises an `OSError` there."""
-
-    _unflushed = 0
-
-    def close(self, timeout: float = 10.0) -> None:
-        """Close the file; ``timeout`` is not used."""
-        if self._begun:
-            self._begun = False
-            self._close_part()
-
-    def _start(self) -> None:
-        """Start nothing."""
-
-    def _put(self, at: float, item: Item | StateAt) -> None:
-        self._put_into_file(at, item)
-        self._unflushed += 1
-        if self._unflushed >= _FLUSH:
-            self._unflushed = 0
-            self._flush_part()
 
 
 class WorldRecorder:
@@ -46,8 +24,11 @@ class WorldRecorder:
         signer: Signs each file when it is closed; None: files are not signed.
     """
 
-    def __init__(self, folder: Path, *, rotate: int = 1 << 28, signer: Signer | None = None) -> None:
-        self._recorder = SynchronousRecorder(folder, rotate=rotate, signer=signer)
+    def __init__(self, folder: Path, *, rotate: int = ROTATE, signer: Signer | None = None) -> None:
+        self._parts = Parts(folder, rotate, signer)
+        self._now: Callable[[], float]
+        self._begun = False
+        self._unflushed = 0
 
     def begin(self, cell: Cell, start: str, now: Callable[[], float], compiled: bool | None) -> None:
         """Create the first file.
@@ -55,7 +36,9 @@ class WorldRecorder:
         Raises:
             OSError: The folder or the file cannot be created.
         """
-        self._recorder.begin(header_of(cell, start, True, now(), compiled), now)
+        self._now = now
+        self._parts.begin(header_of(cell, start, True, now(), compiled))
+        self._begun = True
 
     def tap(self, event: GateEvent, outputs: Sequence[GateOutput]) -> None:
         """Record an event and the gate's outputs.
@@ -63,7 +46,7 @@ class WorldRecorder:
         Raises:
             OSError: The record cannot be written.
         """
-        self._recorder.tap(event, outputs)
+        self._put(self._now(), Step(event, outputs))
 
     def show(self, snapshot: Snapshot) -> None:
         """Record the states of an instant.
@@ -71,11 +54,26 @@ class WorldRecorder:
         Raises:
             OSError: The records cannot be written.
         """
-        self._recorder.show(snapshot)
+        state = state_at(snapshot)
+        if state is not None:
+            self._put(state.cell.time, state)
 
     def close(self) -> None:
-        """Close the recording."""
-        self._recorder.close()
+        """Close the recording; closing it again has no effect.
+
+        Raises:
+            OSError: The last records cannot be written.
+        """
+        if self._begun:
+            self._begun = False
+            self._parts.close()
+
+    def _put(self, at: float, item: Item | StateAt) -> None:
+        self._parts.put(at, item)
+        self._unflushed += 1
+        if self._unflushed >= _FLUSH:
+            self._unflushed = 0
+            self._parts.flush()
 
     def __enter__(self) -> "WorldRecorder":
         return self

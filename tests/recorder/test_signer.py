@@ -4,7 +4,7 @@ import sys
 
 import pytest
 
-from armgate.daemon.recording.signer import SignerError, load_signer
+from armgate.recorder.signer import SignerError, load_signer
 
 
 def test_without_cryptography_the_error_names_the_command_that_installs_it(tmp_path, monkeypatch):

@@ -6,8 +6,8 @@ import pytest
 
 from armgate.audit.recorded_cell import recorded_cell
 from armgate.audit.replay import replay_recording
-from armgate.daemon.recording.world_recorder import WorldRecorder
 from armgate.protocol import messages as m
+from armgate.recorder import WorldRecorder
 from armgate.recording import CellState, Recording
 from armgate.world import World
 from support.cells import arms_yaml
