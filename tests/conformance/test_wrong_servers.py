@@ -444,6 +444,10 @@ def states_accumulate(patch):
     patch.setattr(TcpPeerSocket, "is_read", lambda self: True)
 
 
+def states_replaced_in_lockstep(patch):
+    patch.setattr(Session, "keep_states", lambda self: None)
+
+
 def stops_not_named(patch):
     around(
         patch,
@@ -586,6 +590,7 @@ WRONG = {
     "states in another order": (states_in_another_order, "LCK-16/instants", "session"),
     "messages with hello dropped": (messages_with_hello_dropped, "HEL-17/packet", "session"),
     "states delayed by messages ahead": (states_delayed_by_messages_ahead, "LCK-15/ahead", "session"),
+    "states replaced in lock-step": (states_replaced_in_lockstep, "LCK-12/late", "session"),
     "signals depend on timing": (signals_depend_on_timing, "LCK-12/faster", "session"),
     "start id never changes": (start_id_never_changes, "HEL-11/anew", "session"),
     "unannounced message types": (unannounced_message_types, "EVO-4/unnamed", "session"),

@@ -31,6 +31,9 @@ class Peer:
         self.batches += 1
         return Batch(self)
 
+    def keep_states(self):
+        pass
+
     def drop_states(self):
         pass
 

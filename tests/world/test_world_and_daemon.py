@@ -39,7 +39,7 @@ async def test_a_daemon_sends_the_same_bytes_as_a_world(cell, seed):
 
 def test_random_sessions_reach_what_they_are_for(cell):
     kinds = Counter()
-    for seed in range(16):
+    for seed in range(24):
         found = sessions(cell, seed)
         kinds.update(type(action).__name__ for action in found.actions)
         kinds.update(found.kinds)

@@ -119,6 +119,9 @@ class Peer(Protocol):
     def send_states(self, *states: Encoded) -> None:
         """Send states; each replaces an older unsent one of the same robot."""
 
+    def keep_states(self) -> None:
+        """Send every state from now on, in order: none is replaced or dropped."""
+
     def drop_states(self) -> None:
         """Drop unsent states: they belong to a subscription that has ended."""
 

@@ -136,6 +136,7 @@ class Lockstep:
                 raise RemoteProtocolError(ErrorCode.NAME_TAKEN, text, about="hello")
             self._barrier.join(name, self._wall())
             self._sessions[name] = peer
+            peer.keep_states()  # what it receives must not depend on how fast it reads
         self._core.join(peer)
 
     def handle(self, peer: Peer, request: ClientRequest) -> None:

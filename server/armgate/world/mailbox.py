@@ -42,6 +42,9 @@ class Mailbox(Peer):
         if not self.closed:
             self.received.extend(state.state for state in states)
 
+    def keep_states(self) -> None:
+        """Do nothing: a mailbox keeps every state."""
+
     def drop_states(self) -> None:
         """Do nothing: no state waits to be written."""
 

@@ -82,6 +82,21 @@ async def test_states_of_a_subscription_that_ended_are_dropped():
     assert pipe.taken == [b"subscribed", b"b2"]
 
 
+def test_kept_states_wait_in_order_with_answers_up_to_the_limit():
+    pipe = Pipe(room=1, limit=10)
+    pipe.reads = False
+    pipe.writer.keep_states()
+    pipe.writer.send_states({"A": b"a1", "B": b"b1"})
+    pipe.send(b"v1")
+    pipe.writer.drop_states()
+    pipe.writer.send_states({"A": b"a2"})
+    assert (pipe.taken, pipe.writer.size) == ([b"a1"], 6)
+    with pytest.raises(Overflow, match="6 bytes wait"):
+        pipe.writer.send_states({"A": b"12345"})
+    pipe.drain(room=100)
+    assert pipe.taken == [b"a1", b"b1", b"v1", b"a2"]
+
+
 def test_too_many_unread_answers_are_an_overflow_and_states_are_not():
     pipe = Pipe(room=0, limit=10)
     pipe.writer.pause()

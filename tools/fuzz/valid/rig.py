@@ -71,6 +71,9 @@ class Client:
         """Return a batch without buffering: messages in memory are delivered at once."""
         return NoBatch()
 
+    def keep_states(self) -> None:
+        """Do nothing: every state is delivered at once."""
+
     def drop_states(self) -> None:
         """Do nothing."""
 

@@ -16,6 +16,8 @@ _SILENCE = 20.0
 """Time after which a server must end a silent participant, s; the kit does not know its limit."""
 _STEPS = 12
 """Length of the conversation that runs twice, in steps."""
+_AHEAD = 250
+"""Number of passes that are sent at once; a server accepts at least 256 messages ahead."""
 
 
 class Participant:
@@ -493,6 +495,28 @@ def _act(participant: Participant, holder: LeaseHolder | None, step: int) -> Non
     else:
         dq = [0.001 * math.sin(step), *[0.0] * (holder.n - 1)]
         participant.connection.send(holder.make_command(participant.ticks[holder.robot], dq))
+
+
+@case(
+    "LCK-12/late",
+    f"One participant sends {_AHEAD} passes and reads only when the other one has passed as often",
+    "The late reader receives the states of every step",
+    also=("LCK-11", "SUB-11"),
+)
+async def late_participant_receives_every_state(ctx: CaseContext) -> None:
+    first, second = await join_both(ctx)
+    await first.connection.call("subscribe", "subscribed")  # with all fields, so that the buffers fill
+    first.connection.pause_reading()
+    begin = second.step
+    first.connection.send(*({"type": "pass", "step": begin + ahead} for ahead in range(_AHEAD)))
+    for step in range(begin, begin + _AHEAD):
+        second.pass_()
+        await second.wait_step(step + 1)
+    first.connection.resume_reading()
+    found = await first.receive_until_step(begin + _AHEAD)
+    steps = {m["step"] for m in found if m["type"] == "state"}
+    missing = sorted(set(range(begin + 1, begin + _AHEAD + 1)) - steps)
+    check(not missing, f"there were no states of {len(missing)} of {_AHEAD} steps, first of step {missing[:1]}")
 
 
 @case(

@@ -209,16 +209,21 @@ class Session(SessionReader, ConnectionProtocol):
             if self.greeted and self._connection.state is ConnectionState.READY:
                 raise
         except Overflow as error:
-            # The end is reported in the next turn of the event loop: the core may be sending to many
-            # sessions.
-            self._abort_because(f"{ErrorCode.OVERFLOW}: {error}")
+            self._overflow(error)
 
     def send_states(self, *states: Encoded) -> None:
-        """Send states; each replaces an older one of the same robot that still waits."""
-        if not self.closing:
-            self._writer.send_states(
-                {state.state.robot: self._connection.send(state.state, state.frame) for state in states}
-            )
+        """Send states; each replaces an older one of the same robot that still waits; see `keep_states`."""
+        if self.closing:
+            return
+        frames = {state.state.robot: self._connection.send(state.state, state.frame) for state in states}
+        try:
+            self._writer.send_states(frames)
+        except Overflow as error:
+            self._overflow(error)
+
+    def keep_states(self) -> None:
+        """Send every state from now on; abort the connection if too many of them wait."""
+        self._writer.keep_states()
 
     def drop_states(self) -> None:
         """Drop the states that wait: they belong to a subscription that has ended."""
@@ -260,6 +265,10 @@ class Session(SessionReader, ConnectionProtocol):
         else:
             self._transport.close()
             self._ending.set_deadline(_LINGER, self._transport.abort)
+
+    def _overflow(self, error: Overflow) -> None:
+        # The end is reported in the next turn of the event loop: the core may be sending to many sessions.
+        self._abort_because(f"{ErrorCode.OVERFLOW}: {error}")
 
     def _abort_because(self, reason: str) -> None:
         self._ending.begin(reason)

@@ -4,7 +4,8 @@ Frames pass through three stages, always in this order, and skip a stage that is
 
 1. The *queue*, while the transport is paused. A message that may not be dropped is queued, in order, up to a
    bound. Of each robot's states only the latest waits, so a slow observer gets the latest state and never a
-   backlog. While the client reads, no frame waits here.
+   backlog. While the client reads, no frame waits here. In lock-step, states for participants are queued as
+   other messages are.
 2. The *batch*, while one is open: frames that belong together are one packet and wake the client once.
    Batches may overlap: the last one that closes writes the frames that they held back.
 3. The transport.
@@ -40,6 +41,7 @@ class Writer:
         self._queue: deque[bytes] = deque()
         self._queued = 0
         self._states: dict[str, bytes] = {}
+        self._keeps_states = False
         self._polling: asyncio.TimerHandle | None = None
         self._batches = 0
         self._held: list[bytes] = []
@@ -77,11 +79,22 @@ class Writer:
         if not delayable:
             self.flush()
 
+    def keep_states(self) -> None:
+        """Treat states as messages that may not be dropped."""
+        self._keeps_states = True
+
     def send_states(self, frames: Mapping[str, bytes]) -> None:
-        """Send the states at a tick of these robots; each replaces one that still waits.
+        """Send the states at a tick of these robots; each replaces one that still waits, unless all are kept.
 
         States are sent in the order of time: an old state of another robot must not follow a newer one.
+
+        Raises:
+            Overflow: States are kept, and more would wait than the limit allows.
         """
+        if self._keeps_states:
+            for frame in frames.values():
+                self.send(frame, delayable=True)
+            return
         for robot, frame in frames.items():
             self._states.pop(robot, None)
             self._states[robot] = frame
