@@ -516,7 +516,9 @@ async def late_participant_receives_every_state(ctx: CaseContext) -> None:
     found = await first.receive_until_step(begin + _AHEAD)
     steps = {m["step"] for m in found if m["type"] == "state"}
     missing = sorted(set(range(begin + 1, begin + _AHEAD + 1)) - steps)
-    check(not missing, f"there were no states of {len(missing)} of {_AHEAD} steps, first of step {missing[:1]}")
+    check(
+        not missing, f"there were no states of {len(missing)} of {_AHEAD} steps, first of step {missing[:1]}"
+    )
 
 
 @case(
