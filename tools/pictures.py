@@ -23,10 +23,6 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from armgate.apps.default_files import default_file
-from armgate.apps.experiment.experiment_file import load_experiment
-from armgate.apps.experiment.scene import build_scene
-from armgate.apps.experiment.trial_run import play
-from armgate.apps.experiment.trials import Trial, trials
 from armgate.apps.stack.fork_server import ForkServer
 from armgate.apps.view.camera_model import CameraModel
 from armgate.apps.view.overlays import q_of
@@ -34,6 +30,10 @@ from armgate.apps.view.render_process import RenderProcess
 from armgate.apps.view.scene import Poses, Scene
 from armgate.cell.placement import Placement
 from armgate.client import State, connect
+from armgate.experiment.experiment_file import load_experiment
+from armgate.experiment.scene import build_scene
+from armgate.experiment.trial_run import play
+from armgate.experiment.trials import Trial, trials
 from armgate.recording import Recording, StateSeries
 
 Array = NDArray[np.float64]

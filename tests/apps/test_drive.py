@@ -11,10 +11,12 @@ import pytest
 from armgate.apps.errors import PathError, UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.last_increment import LastIncrement
-from armgate.apps.lead.drive import bounds_of, check_path, drive
+from armgate.apps.lead.drive import PathProgram, bounds_of, check_path
 from armgate.apps.lead.path import RecordedPath
 from armgate.apps.lead.playback import Playback
 from armgate.client import Description
+from armgate.client.program import run_held
+from armgate.client.shared_signals import SharedSignals
 
 T = 0.012
 
@@ -93,8 +95,10 @@ def driven(
 ) -> tuple[str, SignalLog, list[str]]:
     shared, lines = SignalLog(), []
     playback = Playback(swing(), bounds_of(description.robots[1]))
-    ended = drive(shared, robot, playback, interrupt or Interrupt(), lines.append)  # type: ignore[arg-type]
-    return ended, shared, lines
+    sharing = SharedSignals(shared, lines.append)
+    ended = run_held(robot, PathProgram(playback, lines.append), sharing, interrupt)  # type: ignore[arg-type]
+    assert not ended.failed
+    return ended.text, shared, lines
 
 
 def test_the_leader_shares_its_progress_and_ends_at_rest(description: Description) -> None:

@@ -10,16 +10,18 @@ import numpy as np
 import pytest
 
 from armgate.apps.default_files import default_file
-from armgate.apps.errors import AppError, UsageError
-from armgate.apps.follow.loop import FollowLoop, FollowOptions, Progress, follow_leader, share_changes
+from armgate.apps.errors import UsageError
+from armgate.apps.follow.loop import FollowLoop, FollowOptions
+from armgate.apps.follow.program import FollowProgram, Progress, changes
 from armgate.apps.follow.proximity import Proximity, RobotBodies
 from armgate.apps.interrupt import Interrupt, catch_interrupt
 from armgate.apps.robot_models import floor_of
-from armgate.apps.shared_signals import SharedSignals
 from armgate.cell.cell import Cell as BuiltCell
 from armgate.cell.cell import Robot, build_cell
 from armgate.cell.config import load_config
 from armgate.client import Description, Entry, Nearest, Refused, Tick
+from armgate.client.program import Outcome, run_held
+from armgate.client.shared_signals import SharedSignals
 from armgate.client.tick import State
 from armgate.control.near_bodies import NearPair
 from armgate.protocol.messages import Error
@@ -122,18 +124,15 @@ def followed(
 ) -> Any:
     cell, robot = Connection(built), HeldRobot(built, progress, zoom)
     robot.owner = owner
-    loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
-    try:
-        sharing = SharedSignals(cell, cell.lines.append)  # type: ignore[arg-type]
-        ended = follow_leader(sharing, robot, loop, interrupt or Interrupt(), duration)  # type: ignore[arg-type]
-    except AppError as error:
-        ended = str(error)
+    program = FollowProgram.build(cell, "FR", "GR", FollowOptions(1.0, 0.0), duration)
+    sharing = SharedSignals(cell, cell.lines.append)
+    ended = run_held(robot, program, sharing, interrupt)  # type: ignore[arg-type]
     return ended, cell, robot
 
 
 def test_the_follower_follows_until_the_path_ends_within_its_bounds(built: BuiltCell) -> None:
     ended, cell, robot = followed(built, lambda tick: min(1.0, tick / 150))
-    assert ended == "the leader's path is finished, at rest"
+    assert ended == Outcome("the leader's path is finished, at rest")
     angles = [value[0] for name, value in cell.shared if name == "follow.angle_error"]
     assert angles[-1] < np.radians(0.05)
     own = built.robot("FR")
@@ -215,16 +214,16 @@ def test_a_distance_out_of_range_keeps_the_last_one(built: BuiltCell, invalid: f
 
 def test_duration_and_interrupt_end_the_follower(built: BuiltCell) -> None:
     ended, _, robot = followed(built, lambda tick: None, duration=0.6)
-    assert ended == "duration has passed, at rest"
+    assert ended == Outcome("duration has passed, at rest")
     assert 50 <= len(robot.sent) < 150
     interrupt = Interrupt()
     interrupt.requested = True
-    assert followed(built, lambda tick: 0.0, interrupt)[0] == "interrupted, at rest"
+    assert followed(built, lambda tick: 0.0, interrupt)[0] == Outcome("interrupted, at rest")
 
 
 def test_a_leader_that_disconnects_early_is_reported_after_the_follower_is_at_rest(built: BuiltCell) -> None:
     ended, _, robot = followed(built, lambda tick: tick / 100 if tick < 30 else None)
-    assert ended == "FR is at rest: the leader disconnected at 29 % of its path"
+    assert ended == Outcome("FR is at rest: the leader disconnected at 29 % of its path", failed=True)
     np.testing.assert_array_equal(robot.sent[-1], 0.0)
 
 
@@ -249,7 +248,7 @@ def test_only_the_holder_of_the_leaders_robot_sets_the_progress(built: BuiltCell
     assert watched.ending(shared("stranger", 1.0), None) == "the leader has disconnected"
     assert watched.left
     ended, _, _ = followed(built, lambda tick: 1.0, duration=0.6, owner="stranger")
-    assert ended == "duration has passed, at rest"
+    assert ended == Outcome("duration has passed, at rest")
 
 
 @pytest.mark.parametrize("invalid", [-1.0, 1.0000001, 1e300])
@@ -265,10 +264,10 @@ def test_a_progress_out_of_range_keeps_the_last_one(invalid: float) -> None:
 def test_refused_signals_are_reported_once_and_end_no_motion(built: BuiltCell, code: str) -> None:
     cell, robot = Connection(built), HeldRobot(built, lambda tick: None)
     cell.refusal = Refused(Error(code=code, text="no", fatal=False))
-    loop = FollowLoop.build(cell, "FR", "GR", FollowOptions(1.0, 0.0))  # type: ignore[arg-type]
-    sharing = SharedSignals(cell, cell.lines.append)  # type: ignore[arg-type]
-    ended = follow_leader(sharing, robot, loop, Interrupt(), 0.6)  # type: ignore[arg-type]
-    assert ended == "duration has passed, at rest"
+    program = FollowProgram.build(cell, "FR", "GR", FollowOptions(1.0, 0.0), 0.6)
+    sharing = SharedSignals(cell, cell.lines.append)
+    ended = run_held(robot, program, sharing)  # type: ignore[arg-type]
+    assert ended == Outcome("duration has passed, at rest")
     (line,) = cell.lines
     assert line.startswith("some signals are not shared")
 
@@ -290,12 +289,9 @@ def test_the_floor_is_the_top_of_a_level_box(built: BuiltCell) -> None:
     assert floor_of(tilted.description) is None
 
 
-def test_only_changed_values_are_shared(built: BuiltCell) -> None:
-    cell: Any = Connection(built)
-    sharing = SharedSignals(cell, cell.lines.append)
-    known = share_changes(sharing, {"a": (1.0,), "b": (2.0,)}, {})
-    share_changes(sharing, {"a": (1.0,), "b": (3.0,)}, known)
-    assert cell.shared == [("a", (1.0,)), ("b", (2.0,)), ("b", (3.0,))]
+def test_only_changed_values_are_shared() -> None:
+    assert changes({"a": (1.0,), "b": (2.0,)}, {}) == {"a": (1.0,), "b": (2.0,)}
+    assert changes({"a": (1.0,), "b": (3.0,)}, {"a": (1.0,), "b": (2.0,)}) == {"b": (3.0,)}
 
 
 def test_the_first_interrupt_sets_a_flag() -> None:

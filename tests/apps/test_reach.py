@@ -1,6 +1,7 @@
 """The loop of ``reach``: its goal, its end, and its increments."""
 
 import math
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -9,16 +10,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgate.apps.errors import AppError, UsageError
+from armgate.apps.errors import UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.path import read_path
 from armgate.apps.reach.goal import GAINS, Arm, Goal, away_from_surroundings, build, target
-from armgate.apps.reach.loop import Done, EndCriteria, Steps, drive, write_motion
-from armgate.apps.shared_signals import SharedSignals
+from armgate.apps.reach.program import EndCriteria, ReachProgram, Steps, write_motion
 from armgate.cell.cell import Cell, build_cell
 from armgate.cell.config import load_config
 from armgate.cell.placement import Placement, rotation_from_rpy
 from armgate.client import Description
+from armgate.client.program import Outcome, run_held
+from armgate.client.shared_signals import SharedSignals
 from armgate.control.bounds import IncrementBounds
 from armgate.control.redundancy.reach import Reach, Tuning
 
@@ -103,12 +105,12 @@ class SignalLog:
         self.errors.append(value)
 
 
-def go(arm: Arm, held: HeldRobot, **change: Any) -> tuple[Done, SignalLog]:
-    log = SignalLog()
-    options = {"tolerance": 1e-3, "duration": 30.0, **change}
-    return drive(
-        SharedSignals(log, lambda line: None), held, arm, options.pop("interrupt", Interrupt()), **options
-    ), log
+def go(
+    arm: Arm, held: HeldRobot, *, duration: float = 30.0, interrupt: Interrupt | None = None
+) -> tuple[Outcome, SignalLog, ReachProgram]:
+    log, program = SignalLog(), ReachProgram(arm, EndCriteria(1e-3, duration))
+    sharing = SharedSignals(log, lambda line: None)
+    return run_held(held, program, sharing, interrupt), log, program  # type: ignore[arg-type]
 
 
 START = np.radians([0.0, 45.0, 45.0])
@@ -117,44 +119,43 @@ START = np.radians([0.0, 45.0, 45.0])
 def test_reach_reaches_the_target_within_the_bounds_and_rests(connected: Any) -> None:
     arm = build(connected, "P", goal())
     held = HeldRobot(START)
-    done, log = go(arm, held)
-    assert done.reached is True
-    done.check("P")
+    done, log, program = go(arm, held)
+    assert done.text.startswith("target reached in ")
+    assert not done.failed
     assert log.errors[0] > 0.4
     assert log.errors[-1] < 1e-3
     sent = np.array(held.sent)
     assert (np.abs(sent) <= arm.bounds.step).all()
     assert (np.abs(np.diff(sent, axis=0)) <= arm.bounds.change + 1e-12).all()
     np.testing.assert_allclose(sent[-1], 0.0, atol=1e-9)
-    assert len(done.setpoints) > 100
+    assert len(program.setpoints) > 100
 
 
 def test_without_a_target_the_frame_stays_while_an_objective_moves_the_arm(connected: Any) -> None:
     arm = build(connected, "P", goal(xyz=None, objectives=("limits",)))
-    done, log = go(arm, HeldRobot(START))
-    assert done.reached is True
+    done, log, program = go(arm, HeldRobot(START))
+    assert not done.failed
     assert max(log.errors) < 1e-3
-    assert np.abs(done.setpoints[-1] - START).max() > 0.05
-    assert np.sum(done.setpoints[-1] ** 2) < np.sum(START**2)
+    assert np.abs(program.setpoints[-1] - START).max() > 0.05
+    assert np.sum(program.setpoints[-1] ** 2) < np.sum(START**2)
 
 
 def test_a_refused_robot_is_stuck_and_the_reason_is_reported(connected: Any) -> None:
     arm = build(connected, "P", goal())
-    done, _ = go(arm, HeldRobot(START, admit=np.zeros_like))
-    assert done.reached is False
-    with pytest.raises(AppError, match=r"P: stuck .* a post is in the way, at rest"):
-        done.check("P")
+    done, *_ = go(arm, HeldRobot(START, admit=np.zeros_like))
+    assert done.failed
+    assert re.fullmatch("stuck .* a post is in the way, at rest", done.text)
 
 
 def test_a_target_out_of_reach_is_reported_as_stuck(connected: Any) -> None:
-    done, _ = go(build(connected, "P", goal(xyz=(3.0, 0.0, 0.5))), HeldRobot(START))
-    assert done.reached is False
+    done, *_ = go(build(connected, "P", goal(xyz=(3.0, 0.0, 0.5))), HeldRobot(START))
+    assert done.failed
     assert done.text.startswith("stuck 1.8")
 
 
 def test_the_motion_ends_after_its_duration(connected: Any) -> None:
-    done, _ = go(build(connected, "P", goal()), HeldRobot(START), duration=0.5)
-    assert (done.reached, done.text.startswith("timeout")) == (False, True)
+    done, *_ = go(build(connected, "P", goal()), HeldRobot(START), duration=0.5)
+    assert (done.failed, done.text.startswith("timeout")) == (True, True)
 
 
 def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(connected: Any) -> None:
@@ -165,11 +166,10 @@ def test_an_interrupted_robot_comes_to_rest_and_the_command_has_not_failed(conne
         return dq
 
     held.admit = admit
-    done, _ = go(build(connected, "P", goal()), held, interrupt=interrupt)
-    assert (done.reached, done.text) == (None, "interrupted, at rest")
+    done, *_ = go(build(connected, "P", goal()), held, interrupt=interrupt)
+    assert done == Outcome("interrupted, at rest")
     assert np.abs(held.sent[49]).max() > 1e-3
     np.testing.assert_array_equal(held.sent[-1], 0.0)
-    done.check("P")
 
 
 def test_the_motion_continues_until_the_objectives_settle() -> None:

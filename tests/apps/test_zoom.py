@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from armgate.apps.interrupt import Interrupt
-from armgate.apps.zoom.schedule import DistanceSchedule, share
+from armgate.apps.zoom.schedule import DistanceSchedule, ZoomProgram
+from armgate.client.program import run
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -26,11 +26,13 @@ def test_distances_are_shared_when_they_change_and_each_step_is_passed() -> None
     calls: list[Any] = []
     cell: Any = SimpleNamespace(
         subscribe=lambda **_: None,
-        states=lambda: (SimpleNamespace(time=5.0 + 0.1 * k) for k in range(1000)),
+        states=lambda: (
+            SimpleNamespace(robot="P", time=5.0 + 0.1 * k, step=k) for k in range(1000) for _ in range(2)
+        ),
         signal=lambda name, value, more: calls.append((name, value)),
         skip=lambda: calls.append("skip"),
     )
-    share(cell, DistanceSchedule(0.5, 1.3, 1.0, 0.1, 3), Interrupt(), duration=3.0)
+    run(cell, None, ZoomProgram(DistanceSchedule(0.5, 1.3, 1.0, 0.1, 3), 3.0))
     assert calls[:3] == [("operator.distance", 1.0), "skip", "skip"]
     assert calls.count("skip") == 30
     assert 5 < len(calls) - 30 < 25

@@ -8,6 +8,10 @@ Tree::
 """
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from armgate.client.program import Outcome
 
 
 class AppError(Exception):
@@ -35,3 +39,14 @@ class PathError(UsageError):
         self.line = line
         where = f"{file}:{line}" if line is not None else f"{file}"
         super().__init__(f"{where}: {text}")
+
+
+def text_of(outcome: "Outcome") -> str:
+    """Return the outcome of a program in words.
+
+    Raises:
+        AppError: The program failed.
+    """
+    if outcome.failed:
+        raise AppError(outcome.text)
+    return outcome.text

@@ -5,7 +5,8 @@ import numpy as np
 from armgate.apps.errors import UsageError
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
-from armgate.client import Cell, Description, RobotDescription
+from armgate.client import Description, RobotDescription
+from armgate.client.program import ProgramCell
 from armgate.control.bounds import IncrementBounds
 
 
@@ -35,7 +36,7 @@ def described(cell: Description, robot: str) -> RobotDescription:
     raise UsageError(f"cell {cell.name!r} has no robot {robot!r}; it has {known}")
 
 
-def model_of(cell: Cell, robot: RobotDescription) -> RobotModel:
+def model_of(cell: ProgramCell, robot: RobotDescription) -> RobotModel:
     """Return the robot's model, from its URDF and the pose of its base."""
     return RobotModel.from_urdf(
         cell.urdf(robot.name), Placement.from_quaternion(robot.base_xyz, robot.base_xyzw)

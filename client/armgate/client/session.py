@@ -7,7 +7,7 @@ neither waits nor uses a socket; times are arguments, s, of any monotonic clock.
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 from armgate.client.errors import BadArgument, ClientError, ConnectionLost, Rejected, TimedOut
 from armgate.client.leases import HeldLeases
@@ -39,12 +39,28 @@ from armgate.protocol.messages import (
 KEEPALIVE_SHARE = 1 / 3
 """Share of a lease's time to live after which a ping is sent if nothing else was sent."""
 
-_CAPABILITIES = ("stop.replaces",)
+CAPABILITIES = ("stop.replaces",)
 """Capabilities in hello: this client resets a stop only by the id that is in force."""
+
+
+class MessageSender(Protocol):
+    """Sending side of a session that exchanges messages as objects, such as that of a program in a world."""
+
+    def send(self, message: Message) -> bytes:
+        """Send a message, and return no bytes.
+
+        Raises:
+            LocalProtocolError: The message is invalid.
+        """
 
 
 class Session:
     """Protocol session of one client with a daemon.
+
+    Args:
+        dialects: Supported versions of the protocol.
+        sender: Sends messages as objects instead of as bytes; the shell then passes received messages to
+            `take`.
 
     Attributes:
         pending: Messages that await an answer.
@@ -56,7 +72,7 @@ class Session:
         closed: Exception with the reason for which the connection ended; None while it is open.
     """
 
-    def __init__(self, dialects: Sequence[Dialect] = DIALECTS) -> None:
+    def __init__(self, dialects: Sequence[Dialect] = DIALECTS, sender: MessageSender | None = None) -> None:
         self.pending = Pending()
         self.leases = HeldLeases()
         self.welcome: Welcome | None = None
@@ -65,6 +81,7 @@ class Session:
         self.subscription: Subscribed | None = None
         self.closed: ClientError | None = None
         self._connection = Connection(Side.CLIENT, dialects)
+        self._sender: MessageSender = sender or self._connection
         self._newest: dict[str, State] = {}
         # Target tick of each robot's newest verdict: this tick already has its command.
         self._target: dict[str, int] = {}
@@ -81,7 +98,7 @@ class Session:
     def hello(self, name: str, role: Role, token: str | None, software: str) -> bytes:
         """Return the first message; the shell then waits for ``welcome``."""
         own: dict[str, Any] = {} if token is None else {"token": token}
-        own |= {"versions": self._connection.versions, "capabilities": _CAPABILITIES}
+        own |= {"versions": self._connection.versions, "capabilities": CAPABILITIES}
         return self._send(build(Hello, name=name, role=role, software=software, **own))
 
     def ask(self, request: Request) -> tuple[int, bytes]:
@@ -152,7 +169,7 @@ class Session:
         if self.closed is not None:
             return b""
         self.closed = ConnectionLost("this client has closed the connection; connect again")
-        return self.delayed() + self._connection.send(Bye(reason=reason[:512]))
+        return self.delayed() + self._sender.send(Bye(reason=reason[:512]))
 
     def keepalive(self, now: float) -> bytes:
         """Return a ping if nothing was sent for a third of a lease's time to live, else no bytes."""
@@ -183,7 +200,7 @@ class Session:
             if isinstance(item, Refusal):
                 self._take_refusal(item)
             else:
-                self._take(item)
+                self.take(item)
 
     def receive_eof(self, why: str = "the server closed the connection") -> None:
         """Close the session at the end of the server's stream."""
@@ -233,7 +250,8 @@ class Session:
 
     # --- one handler per message; a message without one is an answer, or belongs to a later version --------
 
-    def _take(self, message: Message) -> None:
+    def take(self, message: Message) -> None:
+        """Handle a message from the server."""
         handler = self._HANDLERS.get(type(message))
         if handler is not None:
             handler(self, message)
@@ -292,7 +310,7 @@ class Session:
     def _send(self, message: Message) -> bytes:
         self.check()
         try:
-            return self.delayed() + self._connection.send(message)
+            return self.delayed() + self._sender.send(message)
         except LocalProtocolError as error:
             raise BadArgument(error.text) from error
 

@@ -136,19 +136,30 @@ def _step_value(step: Step) -> object:
     return {"event": step.event, "outputs": outputs}
 
 
-def _entry_value(entry: m.Entry) -> object:
-    fields: dict[str, object] = dict(entry.__dict__)
+def rounded(entry: m.Entry) -> m.Entry:
+    """Return an entry with the precision of a recording: see `RobotState`."""
     # Digits below these bounds would fill a third of a recording, without information for a reader.
-    fields["nearest"] = entry.nearest and [
-        {
-            "pair": near.pair,
-            "distance": _down(near.distance),
-            "limit": near.limit,
-            "points": near.points and [[round(x, 4) for x in point] for point in near.points],
-        }
+    nearest = entry.nearest and tuple(
+        m.Nearest.model_construct(
+            pair=near.pair,
+            distance=_down(near.distance),
+            limit=near.limit,
+            points=near.points and (_rounded_point(near.points[0]), _rounded_point(near.points[1])),
+        )
         for near in entry.nearest
-    ]
-    fields["least_clearance"] = entry.least_clearance and _down(entry.least_clearance)
+    )
+    least = entry.least_clearance and _down(entry.least_clearance)
+    return entry.model_copy(update={"nearest": nearest, "least_clearance": least})
+
+
+def _rounded_point(point: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = point
+    return round(x, 4), round(y, 4), round(z, 4)
+
+
+def _entry_value(entry: m.Entry) -> object:
+    fields: dict[str, object] = dict(rounded(entry).__dict__)
+    fields["nearest"] = entry.nearest and [near.__dict__ for near in fields["nearest"]]  # type: ignore[attr-defined]
     return fields
 
 

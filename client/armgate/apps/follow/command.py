@@ -58,21 +58,21 @@ def follow(
     key: Key = None,
 ) -> None:
     """Keep a robot's camera on another robot's tool."""
-    from armgate.apps.follow.loop import FollowLoop, FollowOptions, follow_leader
+    from armgate.apps.errors import text_of
+    from armgate.apps.follow.loop import FollowOptions
+    from armgate.apps.follow.program import FollowProgram
     from armgate.apps.interrupt import catch_interrupt
-    from armgate.apps.shared_signals import SharedSignals
     from armgate.client import connect
+    from armgate.client.program import run
     from armgate.control.compiled import prepare
 
     prepare()
     own = login(token_file, ca, cert, key)
+    options = FollowOptions(distance, lag, focus=focus, predict=predict)
     with catch_interrupt() as interrupt, connect(address, name=name, role="controller", **own) as cell:
-        options = FollowOptions(distance, lag, focus=focus, predict=predict)
-        loop = FollowLoop.build(cell, robot, leader, options)
-        cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint", "stop_end", "nearest", "holder"])
-        with cell.acquire(robot) as arm:
-            ended = follow_leader(SharedSignals(cell, _echo), arm, loop, interrupt, duration)
-    _echo(f"{robot}: {ended}")
+        program = FollowProgram.build(cell, robot, leader, options, duration)
+        outcome = run(cell, robot, program, interrupt=interrupt, report=_echo)
+    _echo(f"{robot}: {text_of(outcome)}")
 
 
 def _echo(text: str) -> None:

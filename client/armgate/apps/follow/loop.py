@@ -1,17 +1,16 @@
-"""Loop of the follower: it sends one increment per tick of the camera's robot, from the leader's position."""
+"""State and models of the follower, which aims a camera at the leader by one increment per tick."""
 
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.apps.errors import AppError, UsageError
+from armgate.apps.errors import UsageError
 from armgate.apps.follow.proximity import Proximity, RobotBodies
-from armgate.apps.interrupt import Interrupt
 from armgate.apps.last_increment import LastIncrement
 from armgate.apps.robot_models import bounds_of, described, floor_of, model_of
-from armgate.apps.shared_signals import SharedSignals
-from armgate.client import Cell, Robot, RobotDescription, SignalValue, Tick
+from armgate.client import RobotDescription, SignalValue, Tick
+from armgate.client.program import ProgramCell
 from armgate.control.bounds import IncrementBounds
 from armgate.control.compiled import camera_law
 from armgate.control.follower import Follower, FollowStep, Situation
@@ -23,8 +22,6 @@ Array = NDArray[np.float64]
 
 LOOP_TICKS = 2
 """Ticks from a measurement until the effect of the increment based on it is measured."""
-AT_REST = 1e-9
-"""Increment below which the robot is at rest, rad or m."""
 DISTANCES = (0.05, 100.0)
 """Smallest and largest view distance that is accepted, m."""
 
@@ -76,7 +73,7 @@ class FollowLoop:
     _zoomed: float | None = None
 
     @classmethod
-    def build(cls, cell: Cell, robot: str, leader: str, options: FollowOptions) -> "FollowLoop":
+    def build(cls, cell: ProgramCell, robot: str, leader: str, options: FollowOptions) -> "FollowLoop":
         """Build the loop from the daemon's description.
 
         Raises:
@@ -188,89 +185,3 @@ class FollowOutput:
             "follow.emergency": (float(self.step.emergency),),
             "follow.near_limit": (float(self.near_limit),),
         }
-
-
-def follow_leader(
-    sharing: SharedSignals, robot: Robot, loop: FollowLoop, interrupt: Interrupt, duration: float | None
-) -> str:
-    """Follow until the leader has finished, the duration has passed or the process is interrupted.
-
-    Returns:
-        The outcome in words.
-
-    Raises:
-        AppError: The leader disconnected before its path was finished; the robot is at rest.
-        Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The connection to the daemon was lost.
-    """
-    begin: float | None = None
-    ending: str | None = None
-    watched = Progress()
-    shared: dict[str, tuple[float, ...]] = {}
-    for tick in robot.ticks():
-        begin = tick.time if begin is None else begin
-        output = loop.step(tick)
-        if ending is not None and np.all(np.abs(output.played) < AT_REST):
-            break
-        shared = share_changes(sharing, output.signals(), shared)
-        if ending is None:
-            over = duration is not None and tick.time - begin >= duration
-            ending = (
-                "interrupted"
-                if interrupt.requested
-                else "duration has passed"
-                if over
-                else watched.ending(*loop.leader_progress(tick))
-            )
-        robot.send((output.step.dq if ending is None else loop.bounds.braked(output.played)).tolist())
-    if watched.left:
-        raise AppError(
-            f"{loop.robot.name} is at rest: the leader disconnected at {100 * watched.value:.0f} % "
-            "of its path"
-        )
-    return f"{ending}, at rest"
-
-
-@dataclass
-class Progress:
-    """Progress of the leader's path.
-
-    Only values shared by the holder of the leader's robot count, and only from 0 to 1: any client may
-    have shared a signal of this name before.
-
-    Attributes:
-        value: Newest progress, 0 to 1.
-        left: True if the leader disconnected before its path was finished.
-    """
-
-    value: float = 0.0
-    left: bool = False
-    _owner: str | None = None
-
-    def ending(self, signal: SignalValue | None, holder: str | None) -> str | None:
-        """Return the reason to end; None to continue, also if the leader has never shared its progress.
-
-        Args:
-            signal: Signal of the progress.
-            holder: Name of the client that holds the leader's robot.
-        """
-        if signal is not None and signal.owner == holder:
-            self._owner = holder
-        if self._owner is None:
-            return None
-        if signal is None or signal.owner != self._owner:
-            self.left = True
-            return "the leader has disconnected"
-        if 0.0 <= signal.value[0] <= 1.0:
-            self.value = signal.value[0]
-        return "the leader's path is finished" if self.value >= 1.0 else None
-
-
-def share_changes(
-    sharing: SharedSignals, values: dict[str, tuple[float, ...]], shared: dict[str, tuple[float, ...]]
-) -> dict[str, tuple[float, ...]]:
-    """Share values that changed; return all shared values."""
-    for name, value in values.items():
-        if shared.get(name) != value:
-            sharing.share(name, value)
-    return {**shared, **values}

@@ -87,20 +87,21 @@ Run = Callable[["Cell", "Interrupt"], str]
 
 
 def _along(path: Path, robot: str | None, duration: float | None) -> Run:
-    from armgate.apps.lead.drive import bounds_of, check_path, drive
+    from armgate.apps.errors import text_of
+    from armgate.apps.lead.drive import PathProgram, bounds_of, check_path
     from armgate.apps.lead.path import read_path
     from armgate.apps.lead.playback import Playback
+    from armgate.client.program import run
 
     recorded = read_path(path)
 
-    def run(cell: "Cell", interrupt: "Interrupt") -> str:
+    def along(cell: "Cell", interrupt: "Interrupt") -> str:
         described = check_path(recorded, cell.description, robot or recorded.robot)
-        cell.subscribe(every=1, robots=[described.name], fields=["q", "setpoint"])
-        playback = Playback(recorded, bounds_of(described), duration)
-        with cell.acquire(described.name) as arm:
-            return f"{described.name}: {drive(cell, arm, playback, interrupt, _echo)}"
+        program = PathProgram(Playback(recorded, bounds_of(described), duration), _echo)
+        outcome = run(cell, described.name, program, interrupt=interrupt, report=_echo)
+        return f"{described.name}: {text_of(outcome)}"
 
-    return run
+    return along
 
 
 def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: float) -> Run:
@@ -112,9 +113,17 @@ def _by_hand(by: str, robot: str | None, mode: Literal["joint", "tool"], speed: 
 
 
 def _after(target: str, robot: str | None, speed: float) -> Run:
-    from armgate.apps.lead.pursuit import pursue
+    from armgate.apps.errors import text_of
+    from armgate.apps.lead.manual import described_in
+    from armgate.apps.lead.pursuit import pursuit_program
+    from armgate.client.program import run
 
-    return lambda cell, interrupt: pursue(cell, robot, target, speed, interrupt, _echo)
+    def after(cell: "Cell", interrupt: "Interrupt") -> str:
+        name = described_in(cell.description, robot).name
+        program = pursuit_program(cell, name, target, speed, _echo)
+        return f"{name}: {text_of(run(cell, name, program, interrupt=interrupt, report=_echo))}"
+
+    return after
 
 
 def _echo(text: str) -> None:

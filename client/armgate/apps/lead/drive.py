@@ -1,17 +1,16 @@
-"""Loop of the leader: one increment per tick of its robot, with the progress shared as a signal."""
+"""Checks of a path before it is played, and the program that plays it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from armgate.apps.errors import PathError, UsageError
-from armgate.apps.interrupt import Interrupt
 from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.path import RecordedPath
 from armgate.apps.lead.playback import REACHED, Playback
-from armgate.apps.lead.shaping import Bounds
-from armgate.apps.shared_signals import SharedSignals
-from armgate.client import Cell, Description, Robot, RobotDescription, Verdict
+from armgate.apps.lead.shaping import Array, Bounds
+from armgate.client import Description, RobotDescription, Tick, Verdict
+from armgate.client.program import Outcome
 
 PROGRESS_EVERY = 4
 """Ticks between two updates of ``lead.progress``."""
@@ -65,47 +64,64 @@ def bounds_of(robot: RobotDescription) -> Bounds:
     )
 
 
-def drive(
-    cell: Cell, robot: Robot, playback: Playback, interrupt: Interrupt, report: Callable[[str], object]
-) -> str:
-    """Play the path to its end or, after an interruption, bring the robot to rest.
+class PathProgram:
+    """Play a path to its end or, if an end is requested, bring the robot to rest; a `Program`.
+
+    It shares its progress as the signal ``lead.progress``.
 
     Args:
-        cell: Connection on which the progress is shared.
-        robot: The robot, acquired.
         playback: Playback of the path.
-        interrupt: Set when the process is requested to end.
         report: Prints a line for users.
 
-    Returns:
-        The outcome in words.
-
-    Raises:
-        Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The connection to the daemon was lost.
+    Attributes:
+        fields: Fields of the entries that it reads.
+        outcome: The outcome, once it has ended.
     """
-    last, settled, held, sharing = LastIncrement(), 0, False, SharedSignals(cell, report)
-    for count, tick in enumerate(robot.ticks()):
+
+    fields: Sequence[str] | None = ("q", "setpoint")
+
+    def __init__(self, playback: Playback, report: Callable[[str], object]) -> None:
+        self.outcome = Outcome("playing")
+        self._playback = playback
+        self._report = report
+        self._last = LastIncrement()
+        self._count = -1
+        self._progress = 0.0
+        self._settled = 0
+        self._held = self._interrupted = False
+
+    def step(self, tick: Tick) -> Array | None:
+        """Return the next increment (n,): along the path, or braking at the end."""
         setpoint = np.array(tick.setpoint)
-        played = last.update(tick.tick, tick.setpoint)
-        if interrupt.requested and np.all(np.abs(played) < REACHED):
-            return "interrupted, at rest"
-        if playback.finished(setpoint, played):
-            settled += 1
-        if settled * playback.period > SETTLE:
-            return f"{playback.end:.1f} s of the path played, at rest"
-        if count % PROGRESS_EVERY == 0 or settled == 1:
-            sharing.share("lead.progress", playback.progress)
-        dq = playback.brake(played) if interrupt.requested else playback.step(setpoint, played)
-        held = _report_held(robot.send(dq.tolist()), playback, held, report)
-    raise AssertionError("ticks end only by an exception")
+        played = self._last.update(tick.tick, tick.setpoint)
+        self._count += 1
+        if self._interrupted and np.all(np.abs(played) < REACHED):
+            self.outcome = Outcome("interrupted, at rest")
+            return None
+        if self._playback.finished(setpoint, played):
+            self._settled += 1
+        if self._settled * self._playback.period > SETTLE:
+            self.outcome = Outcome(f"{self._playback.end:.1f} s of the path played, at rest")
+            return None
+        self._progress = self._playback.progress
+        return self._playback.brake(played) if self._interrupted else self._playback.step(setpoint, played)
 
+    def signals(self) -> dict[str, float]:
+        """Return the progress, at some ticks."""
+        due = self._count % PROGRESS_EVERY == 0 or self._settled == 1
+        return {"lead.progress": self._progress} if due else {}
 
-def _report_held(verdict: Verdict, playback: Playback, held: bool, report: Callable[[str], object]) -> bool:
-    """Report once when the gate stops the progress of the path, and once when the path continues."""
-    if playback.waiting and not held:
-        why = verdict.reasons[0].text if verdict.reasons else verdict.outcome
-        report(f"path held at {playback.time:.1f} s: {why}")
-    elif held and not playback.waiting:
-        report(f"path continues from {playback.time:.1f} s")
-    return playback.waiting
+    def verdict(self, verdict: Verdict) -> None:
+        """Report once when the gate stops the progress of the path, and once when the path continues."""
+        playback = self._playback
+        if playback.waiting and not self._held:
+            why = verdict.reasons[0].text if verdict.reasons else verdict.outcome
+            self._report(f"path held at {playback.time:.1f} s: {why}")
+        elif self._held and not playback.waiting:
+            self._report(f"path continues from {playback.time:.1f} s")
+        self._held = playback.waiting
+
+    def interrupt(self) -> bool:
+        """Request the end: the robot brakes to rest first."""
+        self._interrupted = True
+        return True

@@ -1,56 +1,81 @@
-"""Loop of manual driving: query the input, bound the requested motion, send the increment."""
+"""Program of manual driving: query the input, and bound the requested motion."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from armgate.apps.errors import AppError
-from armgate.apps.interrupt import Interrupt
 from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.inputs import Input
 from armgate.apps.lead.motions import Array, MotionRequest, RobotState
 from armgate.apps.lead.playback import REACHED
 from armgate.apps.lead.steering import Steering
-from armgate.client import Robot, Tick, Verdict
+from armgate.client import Tick, Verdict
+from armgate.client.program import REST, Outcome
 
 
-def jog(
-    robot: Robot, source: Input, steering: Steering, interrupt: Interrupt, report: Callable[[str], object]
-) -> str:
-    """Drive until the input ends or the process is interrupted; the robot is then at rest.
+class JogProgram:
+    """Drive until the input ends or an end is requested; the robot is then at rest; a `Program`.
+
+    It fails if the input failed.
 
     Args:
-        robot: The robot, acquired.
         source: The input.
         steering: Turns requested motions into increments.
-        interrupt: Set when the process is requested to end.
         report: Prints a line for users.
 
-    Returns:
-        The outcome in words.
-
-    Raises:
-        AppError: The input failed; the robot is at rest.
-        Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The connection to the daemon was lost.
+    Attributes:
+        fields: Fields of the entries that it reads.
+        outcome: The outcome, once it has ended.
     """
-    last, reporter, ended = LastIncrement(), _ObstructionReporter(report), MotionRequest()
-    for tick in robot.ticks():
+
+    fields: Sequence[str] | None = ("q", "setpoint")
+
+    def __init__(self, source: Input, steering: Steering, report: Callable[[str], object]) -> None:
+        self.outcome = Outcome("driving")
+        self._source = source
+        self._steering = steering
+        self._reporter = _ObstructionReporter(report)
+        self._last = LastIncrement()
+        self._ended = MotionRequest()
+        self._interrupted = False
+
+    def step(self, tick: Tick) -> Array | tuple[float, ...] | None:
+        """Return the next increment (n,): the requested motion within the bounds."""
         setpoint = np.array(tick.setpoint)
-        played = last.update(tick.tick, tick.setpoint)
+        played = self._last.update(tick.tick, tick.setpoint)
         resting = bool(np.all(np.abs(played) < REACHED))
-        request = MotionRequest(ended="interrupted") if interrupt.requested else ended
-        if not request.ended:
-            request = source.request(RobotState(tick.time, setpoint, np.array(tick.q), _others(tick)))
+        request = self._request(tick, setpoint)
+        if request.ended and resting:
+            self.outcome = _outcome(tick.robot, request)
+            return None
+        motion = None if request.ended else request.motion
+        # At rest without a motion, the SDK keeps the lease.
+        return REST if motion is None and resting else self._steering.step(motion, setpoint, played)
+
+    def signals(self) -> dict[str, float]:
+        """Return no signals."""
+        return {}
+
+    def verdict(self, verdict: Verdict) -> None:
+        """Report when the gate begins or ceases to obstruct the robot."""
+        self._reporter.update(verdict)
+
+    def interrupt(self) -> bool:
+        """Request the end: the robot brakes to rest first."""
+        self._interrupted = True
+        return True
+
+    def _request(self, tick: Tick, setpoint: Array) -> MotionRequest:
+        """Return the request of this tick; an input that has ended is not queried again."""
+        if self._interrupted:
+            self._ended = MotionRequest(ended="interrupted")
+        if self._ended.ended:
+            return self._ended
+        request = self._source.request(RobotState(tick.time, setpoint, np.array(tick.q), _others(tick)))
         if request.ended:
-            ended = request
-        if ended.ended and resting:
-            return _outcome(robot, ended)
-        motion = None if ended.ended else request.motion
-        if motion is not None or not resting:  # at rest without a motion, the SDK keeps the lease
-            reporter.update(robot.send(steering.step(motion, setpoint, played).tolist()))
-    raise AssertionError("ticks end only by an exception")
+            self._ended = request
+        return request
 
 
 def _others(tick: Tick) -> dict[str, Array]:
@@ -58,10 +83,10 @@ def _others(tick: Tick) -> dict[str, Array]:
     return {entry.robot: np.array(entry.q) for entry in entries}
 
 
-def _outcome(robot: Robot, ended: MotionRequest) -> str:
+def _outcome(robot: str, ended: MotionRequest) -> Outcome:
     if ended.failed:
-        raise AppError(f"{robot.name}: {ended.ended}; it is at rest")
-    return f"{ended.ended}, at rest"
+        return Outcome(f"{robot}: {ended.ended}; it is at rest", failed=True)
+    return Outcome(f"{ended.ended}, at rest")
 
 
 @dataclass

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from armgate.apps.errors import UsageError
+from armgate.apps.errors import UsageError, text_of
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.drive import bounds_of
 from armgate.apps.lead.inputs import Input, InputFactory, Mode, Setting
-from armgate.apps.lead.jog import jog
+from armgate.apps.lead.jog import JogProgram
 from armgate.apps.lead.steering import Steering, Tool
 from armgate.client import Cell, Description, RobotDescription
+from armgate.client.program import ProgramCell, run
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,11 @@ def drive_by(
     report: Callable[[str], object],
 ) -> str:
     """Acquire a robot and drive it by an input; raises the same exceptions as `drive_by_hand`."""
-    cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
-    with cell.acquire(robot) as arm:
-        return f"{robot}: {jog(arm, source, steering, interrupt, report)}"
+    outcome = run(cell, robot, JogProgram(source, steering, report), interrupt=interrupt, report=report)
+    return f"{robot}: {text_of(outcome)}"
 
 
-def steering_of(cell: Cell, robot: RobotDescription, speed: float) -> Steering:
+def steering_of(cell: ProgramCell, robot: RobotDescription, speed: float) -> Steering:
     """Return the steering of a robot, including its tool if the cell's libraries are installed."""
     return Steering(
         bounds_of(robot),
@@ -75,7 +75,7 @@ def steering_of(cell: Cell, robot: RobotDescription, speed: float) -> Steering:
     )
 
 
-def _tool_of(cell: Cell, robot: RobotDescription) -> Tool | None:
+def _tool_of(cell: ProgramCell, robot: RobotDescription) -> Tool | None:
     try:
         from armgate.cell.model import RobotModel  # noqa: PLC0415
         from armgate.cell.placement import Placement  # noqa: PLC0415

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from armgate.apps.errors import UsageError
-from armgate.apps.interrupt import Interrupt
-from armgate.apps.lead.manual import described_in, drive_by, steering_of
+from armgate.apps.lead.jog import JogProgram
+from armgate.apps.lead.manual import described_in, steering_of
 from armgate.apps.lead.motions import Array, MotionRequest, RobotState, ToolTarget
 from armgate.apps.robot_models import described, model_of
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
-from armgate.client import Cell
+from armgate.client.program import ProgramCell
 from armgate.control.spheres import Spheres
 
 
@@ -77,23 +77,16 @@ class Pursuit:
         """Do nothing: there is no device to close."""
 
 
-def pursue(
-    cell: Cell,
-    robot: str | None,
-    target: str,
-    speed: float,
-    interrupt: Interrupt,
-    report: Callable[[str], object],
-) -> str:
-    """Pursue a body (``FR/link_3``) at ``speed`` m/s until interrupted; return the outcome in words.
+def pursuit_program(
+    cell: ProgramCell, robot: str | None, target: str, speed: float, report: Callable[[str], object]
+) -> JogProgram:
+    """Return the program that pursues a body (``FR/link_3``) at ``speed`` m/s until an end is requested.
 
     Raises:
         UsageError: The cell has no such robot or body.
-        ClientError: The lease was refused or lost, the robot was stopped, or the connection was lost.
     """
     own = described_in(cell.description, robot)
     steering = replace(steering_of(cell, own, 1.0), tool_speed=speed)
     name, _, body = target.partition("/")
     pursued = TargetBody.of(name, body, model_of(cell, described(cell.description, name)))
-    source = Pursuit(pursued, model_of(cell, own), own.tool)
-    return drive_by(source, cell, own.name, steering, interrupt, report)
+    return JogProgram(Pursuit(pursued, model_of(cell, own), own.tool), steering, report)

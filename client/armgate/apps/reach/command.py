@@ -102,7 +102,7 @@ def reach(
     """Move a frame of a robot to a target."""
     from armgate.apps.interrupt import catch_interrupt
     from armgate.apps.reach.goal import Goal, tuning
-    from armgate.apps.reach.loop import run
+    from armgate.apps.reach.program import reach as move
     from armgate.client import connect
 
     goal = Goal(
@@ -116,5 +116,5 @@ def reach(
     )
     own = login(token_file, ca, cert, key)
     with catch_interrupt() as interrupt, connect(address, name=name, role="controller", **own) as cell:
-        text = run(cell, robot, goal, interrupt, typer.echo, tolerance=tolerance, duration=duration, out=out)
+        text = move(cell, robot, goal, interrupt, typer.echo, tolerance=tolerance, duration=duration, out=out)
     typer.echo(printable(f"{robot}: {text}"))

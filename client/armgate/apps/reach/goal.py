@@ -13,7 +13,8 @@ from armgate.cell.errors import ModelError
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement, rotation_from_rpy
 from armgate.cell.shapes import shape_from
-from armgate.client import Cell, Description, RobotDescription
+from armgate.client import Description, RobotDescription
+from armgate.client.program import ProgramCell
 from armgate.control.bounds import IncrementBounds
 from armgate.control.redundancy.objectives import (
     AwayFromObstacles,
@@ -74,7 +75,7 @@ def tuning(method: str, gain: float, speed: float, damping: float) -> Tuning:
     return Tuning(Method(method), gain=gain, speed=speed, damping=damping)
 
 
-def build(cell: Cell, name: str, goal: Goal) -> Arm:
+def build(cell: ProgramCell, name: str, goal: Goal) -> Arm:
     """Build the arm from the daemon's description.
 
     Raises:

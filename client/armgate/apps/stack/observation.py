@@ -29,6 +29,8 @@ class Observation:
 
     Attributes:
         follower: Robot with the camera.
+        until_released: True to end the observation when the follower's robot is released. The further states
+            of a run depend on the speed of its processes, even in lock-step.
         state: Newest state.
         rows: Series, one tuple of ``COLUMNS`` per tick of the follower's robot.
         positions: Measured positions of the follower's robot, one per row, rad or m.
@@ -38,12 +40,14 @@ class Observation:
     """
 
     follower: str
+    until_released: bool = False
     state: State | None = None
     rows: list[tuple[float, ...]] = field(default_factory=list)
     positions: list[tuple[float, ...]] = field(default_factory=list)
     first_time: float = 0.0
     nearest: tuple[float, tuple[str, str]] | None = None
     missed: dict[str, int] = field(default_factory=dict)
+    _held: bool = False
     _warnings: dict[str, str] = field(default_factory=dict)
     _ticks: dict[str, int] = field(default_factory=dict)
     _signals: dict[str, tuple[float, ...]] = field(default_factory=dict)
@@ -51,6 +55,8 @@ class Observation:
 
     def take(self, state: State) -> None:
         """Add a state."""
+        if self._over(state):
+            return
         if self.state is None:
             self.first_time = state.time
         self._count(state)
@@ -109,6 +115,12 @@ class Observation:
         value = self.signal(name)
         return None if value is None else value[0]
 
+    def _over(self, state: State) -> bool:
+        """Return True if the observation has ended at this state."""
+        held = any(entry.holder is not None for entry in state.entries if entry.robot == self.follower)
+        self._held = self._held or held
+        return self.until_released and self._held and not held
+
     def _count(self, state: State) -> None:
         before = self._ticks.get(state.robot)
         if before is not None and state.tick > before + 1:
@@ -166,7 +178,7 @@ def completed(seen: Observation, recording: Path, lockstep: bool) -> Observation
     """
     if not (lockstep or seen.missed):
         return seen
-    found = Observation(seen.follower)
+    found = Observation(seen.follower, seen.until_released)
     try:
         for state in StateSeries(Recording.open(recording)).all(seen.follower):
             if lockstep or state.time >= seen.first_time:

@@ -115,7 +115,7 @@ def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
     if plan.record is not None:
         remove_report(plan.record)
     with connect(address, name="demo", role="observer") as cell:
-        watch = Watch(Observation(plan.follower), cell.description)
+        watch = Watch(Observation(plan.follower, until_released=bool(plan.until)), cell.description)
         # A state holds an entry of every robot; states at the follower's ticks also hold its newest errors.
         cell.subscribe(every=1, robots=[plan.follower])
         reader = threading.Thread(

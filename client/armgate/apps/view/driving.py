@@ -5,15 +5,16 @@ import weakref
 from collections.abc import Callable
 from typing import Any
 
-from armgate.apps.errors import AppError
-from armgate.apps.interrupt import Interrupt
-from armgate.apps.lead.jog import jog
+from armgate.apps.errors import AppError, text_of
+from armgate.apps.lead.jog import JogProgram
 from armgate.apps.lead.manual import steering_of
 from armgate.apps.view.handles import Handles
 from armgate.apps.view.live import Live
 from armgate.apps.view.pointer_input import PointerInput
 from armgate.apps.view.scene import Poses
 from armgate.client import ClientError, Entry, RobotDescription, State, connect
+from armgate.client.program import run_held
+from armgate.client.shared_signals import SharedSignals
 
 ENDING = 5.0
 """Longest time for a robot to come to rest when the viewer ends, s."""
@@ -62,10 +63,11 @@ class Drive:
         live, name = self._live, self.robot.name
         with connect(live.address, name=live.name, role=live.role, **live.login) as cell:
             steering = steering_of(cell, self.robot, self._speed)
-            cell.subscribe(every=1, robots=[name], fields=["q", "setpoint"])
+            program = JogProgram(self.pointer, steering, self._report_gray)
+            cell.subscribe(every=1, robots=[name], fields=program.fields)
             with cell.acquire(name) as arm:
                 self.held = True
-                return f"{name}: {jog(arm, self.pointer, steering, Interrupt(), self._report_gray)}"
+                return f"{name}: {text_of(run_held(arm, program, SharedSignals(cell, self._report_gray)))}"
 
     def _report_gray(self, text: str) -> None:
         self._report("gray", text)

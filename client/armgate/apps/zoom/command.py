@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from armgate.apps.connection import Address, Ca, Cert, Key, TokenFile, login
+from armgate.cell.terminal_text import printable
 
 
 def zoom(
@@ -30,11 +31,17 @@ def zoom(
     """Change the wanted view distance as an operator would."""
     from armgate.apps.errors import UsageError
     from armgate.apps.interrupt import catch_interrupt
-    from armgate.apps.zoom.schedule import DistanceSchedule, share
+    from armgate.apps.zoom.schedule import DistanceSchedule, ZoomProgram
     from armgate.client import connect
+    from armgate.client.program import run
 
     if not low <= start <= high:
         raise UsageError(f"expected --low ≤ --start ≤ --high, got {low:g}, {start:g} and {high:g} m")
     own = login(token_file, ca, cert, key)
     with catch_interrupt() as interrupt, connect(address, name=name, role="operator", **own) as cell:
-        share(cell, DistanceSchedule(low, high, start, rate, seed), interrupt, duration)
+        program = ZoomProgram(DistanceSchedule(low, high, start, rate, seed), duration)
+        run(cell, None, program, interrupt=interrupt, report=_echo)
+
+
+def _echo(text: str) -> None:
+    typer.echo(printable(text))

@@ -1,9 +1,11 @@
 """Wanted view distance of a simulated operator: it changes at a constant rate, then pauses."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from armgate.apps.interrupt import Interrupt
-from armgate.client import Cell
+from armgate.client import Tick, Verdict
+from armgate.client.program import REST, Outcome
 
 SIGNAL = "operator.distance"
 HOLD = (1.0, 3.0)
@@ -41,21 +43,44 @@ class DistanceSchedule:
         self._end = self._begin + abs(self._to - self._from) / self._rate + hold
 
 
-def share(cell: Cell, schedule: DistanceSchedule, interrupt: Interrupt, duration: float | None) -> None:
-    """Share the distance at each tick of the cell, until the duration has passed or an interruption.
+class ZoomProgram:
+    """Share the distance until the duration has passed or an end is requested; a `Program` without a robot.
 
-    Raises:
-        ConnectionLost: The connection to the daemon was lost.
+    Args:
+        schedule: Wanted distance over time.
+        duration: Time after which it ends, s; None: without limit.
+
+    Attributes:
+        fields: No fields of the entries are read.
+        outcome: The outcome, once it has ended.
     """
-    begin: float | None = None
-    shared: float | None = None
-    cell.subscribe(every=1, fields=[])
-    for state in cell.states():
-        begin = state.time if begin is None else begin
-        if interrupt.requested or (duration is not None and state.time - begin >= duration):
-            return
-        wanted = schedule.at(state.time - begin)
-        if wanted != shared:
-            cell.signal(SIGNAL, wanted, more=True)
-            shared = wanted
-        cell.skip()
+
+    fields: Sequence[str] | None = ()
+    outcome = Outcome("duration has passed")
+
+    def __init__(self, schedule: DistanceSchedule, duration: float | None = None) -> None:
+        self._schedule = schedule
+        self._duration = duration
+        self._begin: float | None = None
+        self._wanted = self._shared = float("nan")
+
+    def step(self, tick: Tick) -> tuple[float, ...] | None:
+        """Update the wanted distance."""
+        self._begin = tick.time if self._begin is None else self._begin
+        passed = tick.time - self._begin
+        if self._duration is not None and passed >= self._duration:
+            return None
+        self._wanted = self._schedule.at(passed)
+        return REST
+
+    def signals(self) -> dict[str, float]:
+        """Return the distance if it has changed."""
+        changed, self._shared = self._wanted != self._shared, self._wanted
+        return {SIGNAL: self._wanted} if changed else {}
+
+    def verdict(self, verdict: Verdict) -> None:
+        """Do nothing: there are no commands."""
+
+    def interrupt(self) -> bool:
+        """End at once."""
+        return False

@@ -7,9 +7,6 @@ from typing import Any
 import numpy as np
 import yaml
 
-from armgate.apps.experiment.figures import evaluate
-from armgate.apps.experiment.scene import Scene
-from armgate.apps.experiment.trials import Trial
 from armgate.apps.lead.path import format_path
 from armgate.apps.stack.fork_server import ForkServer
 from armgate.apps.stack.metrics import compute
@@ -18,6 +15,9 @@ from armgate.apps.stack.plan import FOLLOWER, LEADER, Plan
 from armgate.apps.stack.processes import Children
 from armgate.apps.stack.run import Watch, interruptions, run
 from armgate.apps.stack.run_folder import write_metrics, write_series
+from armgate.experiment.figures import evaluate
+from armgate.experiment.scene import Scene
+from armgate.experiment.trials import Array, DistanceRange, Trial
 
 OPERATOR = "operator"
 
@@ -48,7 +48,11 @@ def play(
         return None
     watch = ended.watch
     figures = compute(
-        watch.seen, watch.cell.stop_distance, watch.wall, complete=True, report=read_report(folder)
+        watch.seen,
+        watch.cell.stop_distance,
+        watch.wall if realtime else 0.0,
+        complete=True,
+        report=read_report(folder),
     )
     entry = {"case": trial.case, "seed": trial.seed, **figures, **evaluate(trial, watch.seen)}
     write_series(folder, watch.seen.rows)
@@ -58,32 +62,52 @@ def play(
 
 def plan(trial: Trial, scene: Scene, folder: Path, realtime: bool) -> Plan:
     """Return the plan of a trial, and write the files that it needs."""
-    overlay = folder / "overlay.yaml"
-    overlay.write_text(yaml.safe_dump(_overlay(trial, scene), sort_keys=False), encoding="utf-8")
-    follower, leader = scene.follower.name, scene.leader.name
+    file = folder / "overlay.yaml"
+    file.write_text(yaml.safe_dump(overlay(trial, scene), sort_keys=False), encoding="utf-8")
     controllers: dict[str, tuple[str, ...]] = {}
-    if trial.pursue is not None:
-        controllers[LEADER] = ("lead", "--robot", leader, *trial.pursue)
-    elif trial.path is not None:
-        path = folder / "path.csv"
-        joints = [
-            (joint.name, "rad" if joint.kind == "revolute" else "m") for joint in scene.leader.model.joints
-        ]
-        text = format_path(leader, joints, scene.leader.period, scene.carried(trial.path))
-        path.write_text(text, encoding="utf-8")
-        controllers[LEADER] = ("lead", "--robot", leader, "--path", str(path))
-    controllers[FOLLOWER] = (
-        *("follow", "--robot", follower, "--leader", leader, "--lag", str(trial.lag)), *trial.follow,
+    if trial.path is not None:
+        controllers[LEADER] = _lead(trial, scene, trial.path, folder)
+    controllers[FOLLOWER] = _follow(trial, scene)
+    if trial.zoom is not None:
+        controllers[OPERATOR] = _zoom(trial, trial.zoom)
+    follower = scene.follower.name
+    return Plan((*scene.configs, file), follower, controllers, not realtime, until=(FOLLOWER,), record=folder)
+
+
+def _lead(trial: Trial, scene: Scene, path: Array, folder: Path) -> tuple[str, ...]:
+    own = ("lead", "--robot", scene.leader.name)
+    if trial.pursuit is not None:
+        body = f"{scene.follower.name}/{trial.pursuit.body}"
+        return (*own, "--pursue", body, "--tool-speed", str(trial.pursuit.speed))
+    file = folder / "path.csv"
+    file.write_text(path_text(scene, path), encoding="utf-8")
+    return (*own, "--path", str(file))
+
+
+def path_text(scene: Scene, path: Array) -> str:
+    """Return the leader's path file for a path of its tool (k, 3), m."""
+    robot = scene.leader
+    joints = [(joint.name, "rad" if joint.kind == "revolute" else "m") for joint in robot.model.joints]
+    return format_path(robot.name, joints, robot.period, scene.carried(path))
+
+
+def _follow(trial: Trial, scene: Scene) -> tuple[str, ...]:
+    return (
+        "follow", "--robot", scene.follower.name, "--leader", scene.leader.name, "--lag", str(trial.lag),
+        "--distance", str(trial.distance), "--predict" if trial.predict else "--no-predict",
+        *(() if trial.focus is None else ("--focus", *map(str, trial.focus))),
         *(() if trial.seconds is None else ("--duration", str(trial.seconds))),
     )  # fmt: skip
-    if trial.zoom is not None:
-        controllers[OPERATOR] = ("zoom", *trial.zoom)
-    return Plan(
-        (*scene.configs, overlay), follower, controllers, not realtime, until=(FOLLOWER,), record=folder
-    )
 
 
-def _overlay(trial: Trial, scene: Scene) -> dict[str, Any]:
+def _zoom(trial: Trial, own: DistanceRange) -> tuple[str, ...]:
+    return (
+        "zoom", "--low", str(own.low), "--high", str(own.high), "--rate", str(own.rate),
+        "--start", str(trial.distance), "--seed", str(trial.seed),
+    )  # fmt: skip
+
+
+def overlay(trial: Trial, scene: Scene) -> dict[str, Any]:
     """Return the changes of a trial to the cell's configuration."""
     robots: dict[str, Any] = {
         robot.name: {"link": {"kind": "emulated", "lag": trial.lag}}

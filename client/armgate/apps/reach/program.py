@@ -1,6 +1,6 @@
-"""Loop of ``armgate reach``: one increment per tick until the target is reached or cannot be reached."""
+"""Program of ``armgate reach``: increments until the target is reached or cannot be reached."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,9 +12,11 @@ from armgate.apps.interrupt import Interrupt
 from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.path import format_path
 from armgate.apps.reach.goal import Arm, Goal, build
-from armgate.apps.shared_signals import SharedSignals
-from armgate.client import Cell, Robot, RobotDescription, Verdict
+from armgate.cell.placement import Placement
+from armgate.client import Cell, RobotDescription, Tick, Verdict
+from armgate.client.program import Outcome, run
 from armgate.control.bounds import IncrementBounds
+from armgate.control.redundancy.reach import Reach
 
 Array = NDArray[np.float64]
 
@@ -26,30 +28,6 @@ SETTLE = 0.25
 """Time below that speed after which a robot counts as settled, s."""
 STALL = 3.0
 """Time after which the motion counts as stuck if the error has not fallen by the tolerance, s."""
-
-
-@dataclass
-class Done:
-    """Outcome of the motion.
-
-    Attributes:
-        text: The outcome in words.
-        reached: True if the target was reached; None if the motion was interrupted.
-        setpoints: Setpoints at all ticks, (k, n).
-    """
-
-    text: str
-    reached: bool | None
-    setpoints: Array
-
-    def check(self, robot: str) -> None:
-        """Fail the command if the target was not reached.
-
-        Raises:
-            AppError: It was not reached; the text gives the reason.
-        """
-        if self.reached is False:
-            raise AppError(f"{robot}: {self.text}")
 
 
 @dataclass
@@ -124,7 +102,76 @@ class Steps:
         return float((np.abs(increment) / self.bounds.step).max())
 
 
-def run(
+class ReachProgram:
+    """Move until the target is reached and the objectives have settled, or until a failure; a `Program`.
+
+    It then brings the robot to rest. It shares the remaining error as the signal ``reach.error``.
+
+    Args:
+        arm: Robot with its controller.
+        criteria: Criteria for the end.
+
+    Attributes:
+        fields: Fields of the entries that it reads.
+        outcome: The outcome, once it has ended.
+        setpoints: Setpoints at all ticks so far, each (n,).
+    """
+
+    fields: Sequence[str] | None = ("q", "setpoint")
+
+    def __init__(self, arm: Arm, criteria: EndCriteria) -> None:
+        self.outcome = Outcome("moving")
+        self.setpoints: list[Array] = []
+        self._arm = arm
+        self._criteria = criteria
+        self._steps = Steps(arm.bounds, arm.robot.period)
+        self._controller: Reach[Placement] | None = None
+        self._error: float | None = None
+        self._interrupted = self._ended = False
+
+    def step(self, tick: Tick) -> Array | None:
+        """Return the next increment (n,): towards the target, or braking at the end."""
+        setpoint = np.array(tick.setpoint)
+        self.setpoints.append(setpoint)
+        played = self._steps.played(tick.tick, setpoint)
+        self._error = None
+        if self._ended:
+            at_rest = np.all(np.abs(played) < AT_REST)
+            return None if at_rest else self._arm.bounds.braked(played)
+        self._controller = self._controller or self._arm.controller(setpoint)
+        answer = self._controller.velocity(setpoint)
+        self._error = float(np.linalg.norm(answer.error))
+        if self._ends(tick.time, self._error, played):
+            return self._arm.bounds.braked(played)
+        return self._steps.increment(answer.qd, played, setpoint)
+
+    def signals(self) -> dict[str, float]:
+        """Return the remaining error, m and rad, until the end."""
+        return {} if self._error is None else {"reach.error": self._error}
+
+    def verdict(self, verdict: Verdict) -> None:
+        """Store the reason of a limited or refused command."""
+        if not self._ended:
+            self._criteria.take(verdict)
+
+    def interrupt(self) -> bool:
+        """Request the end: the robot brakes to rest first."""
+        self._interrupted = True
+        return True
+
+    def _ends(self, time: float, error: float, played: Array) -> bool:
+        """Return True if the motion ends at this tick, and store its outcome."""
+        if self._interrupted:
+            self.outcome = Outcome("interrupted, at rest")
+            self._ended = True
+        elif found := self._criteria.update(time, error, self._steps.pace(played)):
+            text, reached = found
+            self.outcome = Outcome(f"{text}, at rest", failed=not reached)
+            self._ended = True
+        return self._ended
+
+
+def reach(
     cell: Cell,
     robot: str,
     goal: Goal,
@@ -146,51 +193,13 @@ def run(
         ClientError: The lease was refused or lost, the robot was stopped, or the connection was lost.
     """
     arm = build(cell, robot, goal)
-    cell.subscribe(every=1, robots=[robot], fields=["q", "setpoint"])
-    with cell.acquire(robot) as held:
-        signals = SharedSignals(cell, report)
-        done = drive(signals, held, arm, interrupt, tolerance=tolerance, duration=duration)
+    program = ReachProgram(arm, EndCriteria(tolerance, duration))
+    outcome = run(cell, robot, program, interrupt=interrupt, report=report)
     if out is not None:
-        write_motion(out, arm.robot, done.setpoints)
-    done.check(robot)
-    return done.text
-
-
-def drive(
-    sharing: SharedSignals, robot: Robot, arm: Arm, interrupt: Interrupt, *, tolerance: float, duration: float
-) -> Done:
-    """Drive until the target is reached and the objectives have settled, or until a failure, and to rest.
-
-    Raises:
-        Lost: The lease was lost or the robot was stopped.
-        ConnectionLost: The connection to the daemon was lost.
-    """
-    steps, criteria = Steps(arm.bounds, arm.robot.period), EndCriteria(tolerance, duration)
-    setpoints: list[Array] = []
-    controller = None
-    ended: tuple[str, bool | None] | None = None
-    for tick in robot.ticks():
-        setpoint = np.array(tick.setpoint)
-        setpoints.append(setpoint)
-        played = steps.played(tick.tick, setpoint)
-        if ended is not None:
-            if np.all(np.abs(played) < AT_REST):
-                break
-            robot.send(arm.bounds.braked(played).tolist())
-            continue
-        controller = controller or arm.controller(setpoint)
-        answer = controller.velocity(setpoint)
-        error = float(np.linalg.norm(answer.error))
-        sharing.share("reach.error", error)
-        ended = (
-            ("interrupted", None)
-            if interrupt.requested
-            else criteria.update(tick.time, error, steps.pace(played))
-        )
-        dq = arm.bounds.braked(played) if ended else steps.increment(answer.qd, played, setpoint)
-        criteria.take(robot.send(dq.tolist()))
-    assert ended is not None  # ticks end only by an exception
-    return Done(f"{ended[0]}, at rest", ended[1], np.array(setpoints))
+        write_motion(out, arm.robot, np.array(program.setpoints))
+    if outcome.failed:
+        raise AppError(f"{robot}: {outcome.text}")
+    return outcome.text
 
 
 def write_motion(file: Path, robot: RobotDescription, setpoints: Array) -> None:

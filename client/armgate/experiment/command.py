@@ -9,8 +9,8 @@ import typer
 from armgate.apps.default_files import default_file
 
 if TYPE_CHECKING:
-    from armgate.apps.experiment.campaign import Campaign
-    from armgate.apps.experiment.experiment_file import Experiment
+    from armgate.experiment.campaign import Campaign
+    from armgate.experiment.experiment_file import Experiment
 
 
 class Which(StrEnum):
@@ -55,9 +55,9 @@ def experiment(
 ) -> None:
     """Run the paper's experiments through the whole stack."""
     from armgate.apps.errors import AppError
-    from armgate.apps.experiment.campaign import Campaign, Options
-    from armgate.apps.experiment.scene import build_scene
     from armgate.apps.stack.run_folder import make_folder
+    from armgate.experiment.campaign import Campaign, Options
+    from armgate.experiment.scene import build_scene
 
     setups = _setups(which, file)
     scene = build_scene((config or default_file("demo.yaml"),))
@@ -75,7 +75,7 @@ def _setups(which: Which, file: Path | None) -> dict[str, "Experiment"]:
         UsageError: The file does not describe the chosen experiment.
     """
     from armgate.apps.errors import UsageError
-    from armgate.apps.experiment.experiment_file import load_experiment
+    from armgate.experiment.experiment_file import load_experiment
 
     names = [one.value for one in Which if one is not Which.ALL] if which is Which.ALL else [which.value]
     if file is not None and len(names) > 1:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from armgate.apps.experiment.claims import Claim, digits
+from armgate.experiment.claims import Claim, digits
 
 PAPER = {
     "approach": "Three approaches; the angle falls monotonically, the distance does not always (figure 8).",

@@ -8,15 +8,32 @@ from typing import assert_never
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.apps.experiment.experiment_file import Approach, Collision, Experiment, Tracking, Zoom
-from armgate.apps.experiment.paths import dash, joystick, straight
-from armgate.apps.experiment.scene import Scene, limit_starts, off_axis_start
 from armgate.control.spheres import Spheres
+from armgate.experiment.experiment_file import Approach, Collision, Experiment, Tracking, Zoom
+from armgate.experiment.paths import dash, joystick, straight
+from armgate.experiment.scene import Scene, limit_starts, off_axis_start
 
 Array = NDArray[np.float64]
 
 LIMIT_SECONDS = 10.0
 """Duration of a run that starts at a joint limit, s."""
+
+
+@dataclass(frozen=True)
+class BodyPursuit:
+    """Pursuit of a body of the follower: its name, and the speed of the leader's tool, m/s."""
+
+    body: str
+    speed: float
+
+
+@dataclass(frozen=True)
+class DistanceRange:
+    """Random view distances of an operator: smallest and largest distance, m, and rate of change, m/s."""
+
+    low: float
+    high: float
+    rate: float
 
 
 @dataclass(frozen=True)
@@ -27,23 +44,27 @@ class Trial:
         case: Case of the experiment.
         seed: Seed of its path, or number of its start.
         lag: Lag of the robots, s.
-        follow: Options of ``armgate follow``.
+        distance: Wanted view distance, m.
+        predict: True if the follower predicts the position of the leader's tool.
+        focus: Fixed point that the camera is aimed at, m; None: the leader's tool.
         start: Start of the follower (n,); None for the configured start.
         path: Path of the leader's tool (k, 3), world, one sample per tick; None if it rests.
-        pursue: Options of ``armgate lead`` with which the leader starts at the beginning of ``path`` and
-            pursues the follower; None if it plays ``path``.
-        zoom: Options of ``armgate zoom``; None without zoom.
+        pursuit: Body of the follower that the leader pursues from the beginning of ``path``; None if it plays
+            ``path``.
+        zoom: Wanted distances of an operator; None without an operator.
         seconds: Time for which the follower runs; None if it runs until the leader has finished.
     """
 
     case: str
     seed: int
     lag: float
-    follow: tuple[str, ...] = ()
+    distance: float
+    predict: bool = True
+    focus: tuple[float, float, float] | None = None
     start: Array | None = field(default=None, compare=False)
     path: Array | None = field(default=None, compare=False)
-    pursue: tuple[str, ...] | None = None
-    zoom: tuple[str, ...] | None = None
+    pursuit: BodyPursuit | None = None
+    zoom: DistanceRange | None = None
     seconds: float | None = None
 
     @property
@@ -68,18 +89,14 @@ def trials(experiment: Experiment, scene: Scene, seeds: int | None = None) -> li
             assert_never(experiment)
 
 
-def _view(experiment: Experiment) -> tuple[str, ...]:
-    return ("--distance", str(experiment.distance))
-
-
 def _approaches(experiment: Approach, scene: Scene, seeds: range, limits: int | None) -> Iterator[Trial]:
     for seed in seeds:
         start = off_axis_start(scene, seed)
         yield Trial(
-            "approach", seed, experiment.lag, _view(experiment), start=start, seconds=experiment.seconds
+            "approach", seed, experiment.lag, experiment.distance, start=start, seconds=experiment.seconds
         )
     for number, start in enumerate(limit_starts(scene, experiment.limit_share)[:limits]):
-        yield Trial("limit", number, experiment.lag, _view(experiment), start=start, seconds=LIMIT_SECONDS)
+        yield Trial("limit", number, experiment.lag, experiment.distance, start=start, seconds=LIMIT_SECONDS)
 
 
 def _tours(experiment: Tracking, scene: Scene, seeds: range) -> Iterator[Trial]:
@@ -91,38 +108,30 @@ def _tours(experiment: Tracking, scene: Scene, seeds: range) -> Iterator[Trial]:
         return joystick(seed, speed, middle, half, seconds=experiment.seconds, period=period)
 
     for case in experiment.cases:
-        predict = "--predict" if case.predict else "--no-predict"
         for seed in seeds:
             own = path(seed, case.speed)
-            yield Trial(case.name, seed, case.lag, (*_view(experiment), predict), path=own)
+            yield Trial(case.name, seed, case.lag, experiment.distance, predict=case.predict, path=own)
 
 
 def _zooms(experiment: Zoom, scene: Scene, seeds: range) -> Iterator[Trial]:
     middle, half = np.array(experiment.box.middle), np.array(experiment.box.half)
     period, speed = scene.leader.period, experiment.speed
-    zoom: tuple[str, ...] = (
-        "--low",
-        str(experiment.low),
-        "--high",
-        str(experiment.high),
-        "--rate",
-        str(experiment.rate),
-    )
-    zoom += ("--start", str(experiment.distance))
+    zoom = DistanceRange(experiment.low, experiment.high, experiment.rate)
     for seed in seeds:
         path = joystick(seed, speed, middle, half, seconds=experiment.seconds, period=period)
-        own = (*zoom, "--seed", str(seed))
-        yield Trial("zoom", seed, experiment.lag, _view(experiment), path=path, zoom=own)
+        yield Trial("zoom", seed, experiment.lag, experiment.distance, path=path, zoom=zoom)
 
 
 def _dashes(experiment: Collision, scene: Scene, seeds: range) -> Iterator[Trial]:
-    lag, focus = experiment.lag, _fixed_focus(experiment)
     for speed in experiment.speeds:
         for seed in seeds:
             _, begin, end = _attack(experiment, scene, seed)
             path = straight(begin, end, speed, scene.leader.period)
             seconds = experiment.way / speed + experiment.seconds
-            yield Trial(f"dash-{speed:g}", seed, lag, focus, path=path, seconds=seconds)
+            yield Trial(
+                f"dash-{speed:g}", seed, experiment.lag, experiment.distance, focus=experiment.focus,
+                path=path, seconds=seconds,
+            )  # fmt: skip
 
 
 def _pursuits(experiment: Collision, scene: Scene, seeds: int | None) -> Iterator[Trial]:
@@ -133,15 +142,10 @@ def _pursuits(experiment: Collision, scene: Scene, seeds: int | None) -> Iterato
     for speed in own.speeds:
         for seed in range(experiment.first_seed, experiment.first_seed + count):
             body, begin, _ = _attack(experiment, scene, seed)
-            pursue = ("--pursue", f"{scene.follower.name}/{body}", "--tool-speed", str(speed))
             yield Trial(
-                f"pursuit-{speed:g}", seed, experiment.lag, _fixed_focus(experiment), path=begin[None],
-                pursue=pursue, seconds=own.seconds,
+                f"pursuit-{speed:g}", seed, experiment.lag, experiment.distance, focus=experiment.focus,
+                path=begin[None], pursuit=BodyPursuit(body, speed), seconds=own.seconds,
             )  # fmt: skip
-
-
-def _fixed_focus(experiment: Collision) -> tuple[str, ...]:
-    return (*_view(experiment), "--focus", *map(str, experiment.focus))
 
 
 def _attack(experiment: Collision, scene: Scene, seed: int) -> tuple[str, Array, Array]:

@@ -11,16 +11,16 @@ from rich.table import Table
 from rich.text import Text
 
 from armgate.apps.errors import AppError
-from armgate.apps.experiment.claims import Claim, aggregate, claims
-from armgate.apps.experiment.experiment_file import Experiment
-from armgate.apps.experiment.plots import Array, draw
-from armgate.apps.experiment.progress import Progress, progress
-from armgate.apps.experiment.report import page
-from armgate.apps.experiment.scene import Scene
-from armgate.apps.experiment.trial_run import play
-from armgate.apps.experiment.trials import Trial, trials
 from armgate.apps.stack.fork_server import ForkServer
 from armgate.apps.stack.run_folder import write_metrics
+from armgate.experiment.claims import Claim, aggregate, claims
+from armgate.experiment.experiment_file import Experiment
+from armgate.experiment.plots import Array, draw
+from armgate.experiment.progress import Progress, progress
+from armgate.experiment.report import page
+from armgate.experiment.scene import Scene
+from armgate.experiment.trial_run import play
+from armgate.experiment.trials import Trial, trials
 
 _WORDS = {True: ("holds", "green"), False: ("does not hold", "bold red"), None: ("–", "dim")}
 _TOGETHER = ("approach", "limit")

@@ -11,19 +11,19 @@ from matplotlib import pyplot as plt
 
 from armgate.apps.default_files import default_file
 from armgate.apps.errors import AppError, UsageError
-from armgate.apps.experiment import campaign
-from armgate.apps.experiment.claims import Claim, aggregate, claims
-from armgate.apps.experiment.experiment_file import load_experiment
-from armgate.apps.experiment.figures import evaluate, recently
-from armgate.apps.experiment.paths import dash, joystick, straight
-from armgate.apps.experiment.plots import _enlarge
-from armgate.apps.experiment.report import page
-from armgate.apps.experiment.scene import Scene, build_scene, clear
-from armgate.apps.experiment.trial_run import plan
-from armgate.apps.experiment.trials import Trial, trials
 from armgate.apps.stack.observation import COLUMNS, Observation
 from armgate.apps.stack.run_folder import write_series
 from armgate.cell.errors import ConfigError
+from armgate.experiment import campaign
+from armgate.experiment.claims import Claim, aggregate, claims
+from armgate.experiment.experiment_file import load_experiment
+from armgate.experiment.figures import evaluate, recently
+from armgate.experiment.paths import dash, joystick, straight
+from armgate.experiment.plots import _enlarge
+from armgate.experiment.report import page
+from armgate.experiment.scene import Scene, build_scene, clear
+from armgate.experiment.trial_run import plan
+from armgate.experiment.trials import DistanceRange, Trial, trials
 
 T = 0.012
 ATTACKED = "link_1"  # link that the leader approaches with the first seed
@@ -63,12 +63,15 @@ def test_the_bundled_experiment_files_are_valid(scene: Scene, name: str, runs: i
 
 def test_a_trial_becomes_processes_and_files(scene: Scene, tmp_path: Path) -> None:
     path = straight(scene.tool, scene.tool + np.array([0.0, 0.1, 0.0]), 0.25, T)
-    trial = Trial("zoom", 7, 0.12, ("--distance", "1.0"), path=path, zoom=("--seed", "7"))
+    trial = Trial("zoom", 7, 0.12, 1.0, path=path, zoom=DistanceRange(0.5, 1.3, 0.1))
     planned = plan(trial, scene, tmp_path, realtime=False)
     assert planned.daemon()[-2:] == ["--lockstep", "leader,follower,operator"]
     follow = planned.controller("follower", "h:1")
     assert follow[:8] == ["follow", "h:1", "--robot", "FR", "--leader", "GR", "--lag", "0.12"]
-    assert planned.controller("operator", "h:1") == ["zoom", "h:1", "--seed", "7", "--name", "operator"]
+    assert planned.controller("operator", "h:1") == [
+        "zoom", "h:1", "--low", "0.5", "--high", "1.3", "--rate", "0.1", "--start", "1.0", "--seed", "7",
+        "--name", "operator",
+    ]  # fmt: skip
     moved = build_scene((*scene.configs, tmp_path / "overlay.yaml"))
     np.testing.assert_allclose(moved.tool, path[0], atol=1e-12)
     assert moved.follower.config.link.lag == 0.12
@@ -141,10 +144,10 @@ def test_recently_extends_a_condition() -> None:
 
 def test_an_approach_that_rises_or_does_not_settle_is_detected() -> None:
     fall = np.radians(np.linspace(60.0, 0.0, 400))
-    good = evaluate(Trial("approach", 0, 0.0), observed(angle_error_rad=fall))
+    good = evaluate(Trial("approach", 0, 0.0, 1.0), observed(angle_error_rad=fall))
     assert (good["rise_deg"], good["start_angle_deg"]) == (0.0, pytest.approx(60.0))
     assert good["settled_s"] == pytest.approx(3.99, abs=0.02)
-    bad = evaluate(Trial("approach", 0, 0.0), observed(angle_error_rad=fall[::-1], distance_error_m=0.1))
+    bad = evaluate(Trial("approach", 0, 0.0, 1.0), observed(angle_error_rad=fall[::-1], distance_error_m=0.1))
     assert bad["rise_deg"] == pytest.approx(60.0)
     assert bad["settled_s"] is None
 
@@ -152,15 +155,15 @@ def test_an_approach_that_rises_or_does_not_settle_is_detected() -> None:
 def test_errors_of_a_tour_count_from_two_seconds_until_the_joystick_is_released() -> None:
     time = 0.01 * np.arange(400)
     angle = np.radians(np.where(time < 1.9, 90.0, np.where(time > 2.05, 45.0, 3.0)))
-    assert evaluate(Trial("slow", 0, 0.0), observed(angle_error_rad=angle)) == {"moving_rms_deg": None}
+    assert evaluate(Trial("slow", 0, 0.0, 1.0), observed(angle_error_rad=angle)) == {"moving_rms_deg": None}
     longer = observed(angle_error_rad=angle, time_s=2.0 * time)
-    assert evaluate(Trial("slow", 0, 0.0), longer)["moving_rms_deg"] > 45.0
+    assert evaluate(Trial("slow", 0, 0.0, 1.0), longer)["moving_rms_deg"] > 45.0
 
 
 def test_the_angle_in_a_dash_counts_unless_the_gate_or_the_emergency_mode_acts() -> None:
     time = 0.01 * np.arange(400)
     peak = np.where(np.abs(time - 3.0) < 0.1, np.radians(5.0), 0.0)
-    trial = Trial("dash-0.5", 0, 0.03)
+    trial = Trial("dash-0.5", 0, 0.03, 1.0)
     free = evaluate(trial, observed(angle_error_rad=peak))
     assert (free["free_angle_deg"], free["follower_refused"]) == (pytest.approx(5.0), False)
     refused = np.where(np.abs(time - 2.5) < 0.1, 2.0, 0.0)
@@ -172,7 +175,8 @@ def test_the_distance_during_a_zoom_counts_only_without_recent_repulsion() -> No
     time = 0.01 * np.arange(400)
     pushed = (time > 2.1) & (time < 2.5)
     found = evaluate(
-        Trial("zoom", 0, 0.03, zoom=()), observed(repulsion=pushed, distance_error_m=0.3 * (time > 2.2))
+        Trial("zoom", 0, 0.03, 1.0, zoom=DistanceRange(0.5, 1.3, 0.1)),
+        observed(repulsion=pushed, distance_error_m=0.3 * (time > 2.2)),
     )
     assert found["quiet_distance_m"] == 0.0
     assert 0.0 < found["quiet_share"] < 0.1

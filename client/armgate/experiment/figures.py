@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from armgate.apps.experiment.paths import RELEASE_TIME
-from armgate.apps.experiment.trials import Trial
 from armgate.apps.stack.metrics import columns
 from armgate.apps.stack.observation import Observation
+from armgate.experiment.paths import RELEASE_TIME
+from armgate.experiment.trials import Trial
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
