@@ -1,0 +1,73 @@
+"""A trial in a world has the figures of the same trial over sockets, byte for byte."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from armgate.apps.default_files import default_file
+from armgate.apps.stack.fork_server import ForkServer
+from armgate.experiment.paths import joystick
+from armgate.experiment.scene import Scene, build_scene, off_axis_start
+from armgate.experiment.trial_run import play
+from armgate.experiment.trials import BodyPursuit, DistanceRange, Trial
+from armgate.experiment.world_trial import play_in_world
+
+FOCUS = (2.0, 0.0, 1.0)
+IGNORED = ("monitor", "realtime_factor")
+"""Figures that only a run of processes has."""
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return build_scene((default_file("demo.yaml"),))
+
+
+@pytest.fixture(scope="module")
+def fork_server() -> ForkServer:
+    server = ForkServer()
+    server.warm()
+    return server
+
+
+def tour(scene: Scene, seed: int, speed: float, seconds: float = 3.0) -> np.ndarray:
+    half = np.array([0.3, 0.7, 0.35])
+    return joystick(seed, speed, np.array(FOCUS), half, seconds=seconds, period=scene.leader.period)
+
+
+def trials(scene: Scene) -> list[Trial]:
+    near = tour(scene, 3, 0.2, 5.0)
+    pursuit = BodyPursuit("link_3", 0.5)
+    return [
+        Trial("fast-predicted", 1, 0.0, 1.0, path=tour(scene, 1, 0.5)),
+        Trial("approach", 2, 0.0, 1.0, start=off_axis_start(scene, 2), seconds=2.0),
+        Trial("zoom", 3, 0.03, 1.0, path=near, zoom=DistanceRange(0.5, 1.3, 0.1)),
+        Trial("dash-0.5", 4, 0.03, 1.0, focus=FOCUS, path=tour(scene, 4, 0.5), seconds=3.0),
+        Trial("pursuit-0.5", 5, 0.03, 1.0, focus=FOCUS, path=near[:1], pursuit=pursuit, seconds=3.0),
+        *(
+            Trial("slow", seed, 0.12, 1.0, path=tour(scene, seed, 0.25), predict=False)
+            for seed in range(6, 11)
+        ),
+    ]
+
+
+def figures(folder: Path) -> dict[str, Any]:
+    found = json.loads((folder / "metrics.json").read_text())
+    return {name: value for name, value in found.items() if name not in IGNORED}
+
+
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("number", range(10))
+def test_a_trial_in_a_world_has_the_figures_of_its_processes(
+    scene: Scene, fork_server: ForkServer, tmp_path: Path, number: int
+) -> None:
+    trial = trials(scene)[number]
+    played = play(trial, scene, tmp_path / "sockets", fork_server, realtime=False, show=lambda _watch: None)
+    assert played is not None
+    play_in_world(trial, scene, tmp_path / "world")
+    series = [(tmp_path / way / "series.csv").read_bytes() for way in ("sockets", "world")]
+    assert series[0].count(b"\n") > 150
+    assert series[0] == series[1]
+    assert figures(tmp_path / "sockets") == figures(tmp_path / "world")
