@@ -11,6 +11,8 @@ from armgate.campaign.trials import Trial, canonical
 VALUE, FIGURE = "value.", "figure."
 """Beginnings of the columns of drawn values and of figures."""
 _FIXED = ("key", "scenario", "controllers", "seed", "outcome", "reason")
+_MAGIC = b"PAR1"
+"""Begin and end of a Parquet file."""
 COMPLETED, FAILED = "completed", "failed"
 
 Row = dict[str, Any]
@@ -70,11 +72,15 @@ def from_parquet(path: Path) -> list[Row]:
     from arro3.io import read_parquet
 
     data = path.read_bytes()
+    if len(data) < 2 * len(_MAGIC) or not (data.startswith(_MAGIC) and data.endswith(_MAGIC)):
+        raise ValueError(f"{path}: not a table of results: not a complete Parquet file")
     try:
         table = read_parquet(io.BytesIO(data)).read_all()
         columns = {name: table.column(name).to_pylist() for name in table.column_names}
-    except Exception as error:  # the library raises plain exceptions
-        raise ValueError(f"{path}: not a table of results ({error})") from error
+    except (KeyboardInterrupt, SystemExit, MemoryError):
+        raise
+    except BaseException as error:  # a damaged file is a panic in the library, which is no Exception
+        raise ValueError(f"{path}: not a table of results: {error}") from error
     if missing := [name for name in _FIXED if name not in columns]:
         raise ValueError(f"{path}: not a table of results: no column {missing[0]}")
     return [
