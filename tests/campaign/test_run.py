@@ -273,7 +273,7 @@ def test_a_trial_is_reproduced_with_its_recording(tmp_path: Path) -> None:
 def test_a_controller_that_reads_a_clock_is_found(tmp_path: Path) -> None:
     campaign = small_campaign(tmp_path, seeds=1, programs=("clock",))
     run_campaign(campaign, tmp_path / "out", InProcess)
-    with pytest.raises(CampaignError, match=r"differs from the stored result in .*; a controller uses a clock"):
+    with pytest.raises(CampaignError, match=r"differs from the stored result in .*; a controller uses"):
         list(reproduce_trial(campaign, tmp_path / "out", campaign.trials[0].key))
 
 

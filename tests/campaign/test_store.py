@@ -21,9 +21,11 @@ TRIALS = [
     for k in range(60)
 ]
 RESULTS = [
-    Result(trial.key, "it broke") if trial.seed % 7 == 3 else Result(trial.key, "", {"x": trial.seed / 3, "P.y": -0.0})
+    Result(trial.key, "it broke")
+    if trial.seed % 7 == 3
+    else Result(trial.key, "", {"x": trial.seed / 3, "P.y": -0.0})
     for trial in TRIALS
-]  # fmt: skip
+]
 
 
 def fill(folder: Path, order: list[int], parts: int = 1) -> bytes:
@@ -94,7 +96,7 @@ def test_a_damaged_part_is_one_clear_error(tmp_path: Path) -> None:
     data = part.read_bytes()
     for damaged in (data[:50], b"", data[:4] + bytes(40) + data[-4:], data[:-8] + bytes(4) + data[-4:]):
         part.write_bytes(damaged)
-        with pytest.raises(CampaignError, match=r"000001.parquet: not a table of results: .*; remove the file"):
+        with pytest.raises(CampaignError, match=r"000001.parquet: not a table of results: .*; remove"):
             Store(tmp_path, MANIFEST_1)
     part.unlink()
     with Store(tmp_path, MANIFEST_1) as store:  # the lock was released
@@ -141,29 +143,37 @@ class Disk:
         return done
 
 
+def put_all(folder: Path, disk: Disk) -> None:
+    with Store(folder, MANIFEST_1, disk.write) as store:
+        for trial, result in zip(TRIALS, RESULTS, strict=True):
+            store.put(trial, result)
+            store.flush()
+
+
 def test_a_full_disk_is_one_clear_error_and_the_store_continues(tmp_path: Path) -> None:
     whole = fill(tmp_path / "whole", list(range(60)))
     size = len(to_parquet([]))
     for left in (*range(1, 4 * size, size // 3), 10_000):
         folder = tmp_path / str(left)
         disk = Disk(left)
-        with pytest.raises(CampaignError, match="the disk is full; .* results are stored. Make space, and run"):
-            with Store(folder, MANIFEST_1, disk.write) as store:
-                for at in range(60):
-                    store.put(TRIALS[at], RESULTS[at])
-                    store.flush()
+        with pytest.raises(CampaignError, match=r"the disk is full; .* results are stored\. Make space, and"):
+            put_all(folder, disk)
         assert list(folder.rglob("*.tmp")) == []
         with Store(folder, MANIFEST_1) as store:
             missing = [at for at in range(60) if TRIALS[at].key not in store]
-        assert 0 < len(missing)
+        assert len(missing) > 0
         assert fill(folder, missing) == whole
+
+
+def put_and_fail(folder: Path) -> None:
+    with Store(folder, MANIFEST_1, Disk(500).write) as store:
+        store.put(TRIALS[0], RESULTS[0])
+        raise CampaignError("the workers are lost")
 
 
 def test_an_earlier_error_is_not_hidden_by_the_last_part(tmp_path: Path) -> None:
     with pytest.raises(CampaignError, match="the workers are lost"):
-        with Store(tmp_path, MANIFEST_1, Disk(500).write) as store:
-            store.put(TRIALS[0], RESULTS[0])
-            raise CampaignError("the workers are lost")
+        put_and_fail(tmp_path)
     assert (tmp_path / MANIFEST).exists()
 
 

@@ -6,7 +6,7 @@ from armgate.campaign.drive import Campaign
 
 PLANAR = Path(__file__).parents[2] / "configs" / "planar.yaml"
 
-PROGRAMS = '''
+PROGRAMS = """
 import os, signal, time
 from armgate.client.program import TickProgram
 
@@ -29,7 +29,7 @@ def clock(context): return Odd(context, lambda tick: [1e-6 * (time.time_ns() % 9
 def reads(context): return open("/no/such/file")
 def ticks(series): return float(len(series.robots["P"].time))
 def infinite(series): return float("inf")
-'''
+"""
 
 TEXT = """armgate: 1
 name: small
@@ -44,7 +44,9 @@ vary:
 """
 
 
-def write_campaign(folder: Path, *, seeds: int = 4, programs: tuple[str, ...] = ("move",), more: str = "") -> Path:
+def write_campaign(
+    folder: Path, *, seeds: int = 4, programs: tuple[str, ...] = ("move",), more: str = ""
+) -> Path:
     """Write a campaign with a set of controllers for each program of ``odd.py``; return its file."""
     (folder / "odd.py").write_text(PROGRAMS, encoding="utf-8")
     controllers = "\n".join(f'  {name}: {{P: {{program: "odd:{name}"}}}}' for name in programs)
