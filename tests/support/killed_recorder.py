@@ -16,7 +16,7 @@ from armgate.daemon.recording.recorder import Recorder
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
 from armgate.recorder.header import header_of
-from armgate.recorder.record_file import RecordFile
+from armgate.recorder.record_file import DiskCalls, RecordFile
 from armgate.world.gate_runner import GateRunner
 from support.cells import arms_config
 
@@ -59,7 +59,7 @@ def killing_file(kill):
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
             if kill.where == "turn_begun" and kill.parts == 3:
                 kill.writes = 1
-            return cls(path, descriptor, header, kill.write)
+            return cls(path, descriptor, header, DiskCalls(kill.write))
 
         def put(self, item, at):
             super().put(item, at)

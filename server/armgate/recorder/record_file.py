@@ -3,18 +3,39 @@
 import contextlib
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from armgate.recording import Header, Item, RecordingWriter
 from armgate.recording.chain import Seal, Signer
 
 
+@dataclass(frozen=True, slots=True)
+class DiskCalls:
+    """System calls by which a file is written, each on its descriptor; a simulation replaces them.
+
+    Attributes:
+        write: Writes bytes, and returns the number of those written.
+        sync: Waits until the file is on the disk.
+        truncate: Shortens the file to a size, bytes.
+        close: Closes the descriptor.
+    """
+
+    write: Callable[[int, bytes], int] = os.write
+    sync: Callable[[int], None] = os.fsync
+    truncate: Callable[[int, int], None] = os.ftruncate
+    close: Callable[[int], None] = os.close
+
+
+_SYSTEM = DiskCalls()
+
+
 class _Stream:
     """Unbuffered stream: flushed bytes are in the operating system, even if this process is killed."""
 
-    def __init__(self, descriptor: int, write: Callable[[int, bytes], int] = os.write) -> None:
+    def __init__(self, descriptor: int, disk: DiskCalls) -> None:
         self._descriptor = descriptor
-        self._system_write = write
+        self._disk = disk
         self._at = 0
         self._kept = bytearray()
 
@@ -34,7 +55,7 @@ class _Stream:
             OSError: They cannot be written.
         """
         while self._kept:
-            done = self._system_write(self._descriptor, bytes(self._kept))
+            done = self._disk.write(self._descriptor, bytes(self._kept))
             self._at += done
             del self._kept[:done]
 
@@ -52,15 +73,15 @@ class RecordFile:
         path: Path,
         descriptor: int,
         header: Header,
-        write: Callable[[int, bytes], int] = os.write,
+        disk: DiskCalls = _SYSTEM,
         signer: Signer | None = None,
     ) -> None:
         self.path = path
         self.header = header
-        self._descriptor = descriptor
+        self._descriptor, self._disk = descriptor, disk
         self._good = 0
         try:
-            self._sink = RecordingWriter(_Stream(descriptor, write), header, signer)
+            self._sink = RecordingWriter(_Stream(descriptor, disk), header, signer)
         except OSError:
             self.abandon()
             raise
@@ -109,20 +130,20 @@ class RecordFile:
         """
         self.flush()
         seal = self._sink.close(last=last)
-        os.fsync(self._descriptor)
+        self._disk.sync(self._descriptor)
         descriptor, self._descriptor = self._descriptor, -1
-        os.close(descriptor)
+        self._disk.close(descriptor)
         return seal
 
     def abandon(self) -> None:
         """Truncate the file after the last complete flush, and write no more."""
         if self._descriptor >= 0:
             with contextlib.suppress(OSError):
-                os.ftruncate(self._descriptor, self._good)
+                self._disk.truncate(self._descriptor, self._good)
             self._release()
 
     def _release(self) -> None:
         # Close it only once: the system may have given the number to another file.
         descriptor, self._descriptor = self._descriptor, -1
         with contextlib.suppress(OSError):
-            os.close(descriptor)
+            self._disk.close(descriptor)

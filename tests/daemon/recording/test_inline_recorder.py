@@ -5,7 +5,7 @@ import errno
 import os
 
 from armgate.daemon.recording.inline_recorder import InlineRecorder
-from armgate.recorder.record_file import RecordFile
+from armgate.recorder.record_file import DiskCalls, RecordFile
 from armgate.recording import LogLine, Recording
 from support import records
 from support.clients import until
@@ -82,7 +82,7 @@ class Full(RecordFile):
             left[0] -= len(piece)
             return os.write(descriptor, piece)
 
-        return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, write)
+        return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, DiskCalls(write))
 
 
 async def test_a_full_disk_ends_the_recording_and_later_records_are_counted(tmp_path):

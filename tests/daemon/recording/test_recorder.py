@@ -9,7 +9,8 @@ import pytest
 from armgate.audit.recover import recover_recording
 from armgate.daemon.recording.inline_recorder import InlineRecorder
 from armgate.daemon.recording.recorder import Recorder
-from armgate.recorder.record_file import RecordFile
+from armgate.daemon.recording.worker import ThreadWorker
+from armgate.recorder.record_file import DiskCalls, RecordFile
 from armgate.recording import Gap, LogLine, Recording, Step
 from armgate.recording.verify import verify
 from support import records
@@ -84,7 +85,12 @@ def test_a_record_is_flushed_within_a_fifth_of_a_second(tmp_path, period):
             for k in range(len(flushed), self.put_steps):
                 flushed[k] = clock.time
 
-    recorder = Recorder(tmp_path, create=Timed.create, clock=lambda: clock.time, pause=clock.pause)
+    recorder = Recorder(
+        tmp_path,
+        create=Timed.create,
+        clock=lambda: clock.time,
+        worker=lambda pauses: ThreadWorker(pauses, clock.pause),
+    )
     clock.feed = lambda k: feed(recorder, [k])
     recorder.begin(records.header(), lambda: clock.time)
     assert clock.over.wait(20)
@@ -139,7 +145,9 @@ def full_after(limit):
     class Full(RecordFile):
         @classmethod
         def create(cls, path, header, _signer):
-            return cls(path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, write)
+            return cls(
+                path, os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), header, DiskCalls(write)
+            )
 
     return Full.create
 
@@ -165,33 +173,33 @@ def test_a_disk_without_space_for_the_header_is_an_error_at_once(tmp_path):
 
 @pytest.mark.parametrize("at", ["index", "last chunk", "fsync"])
 @pytest.mark.parametrize("kind", [Recorder, InlineRecorder])
-async def test_a_disk_that_is_full_only_at_the_end_is_reported_and_the_file_closed(
-    tmp_path, at, kind, monkeypatch
-):
-    full, descriptors = [], []
+async def test_a_disk_that_is_full_only_at_the_end_is_reported_and_the_file_closed(tmp_path, at, kind):
+    full, full_at_sync, descriptors = [], [], []
 
     def write(descriptor, data):
         if full:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         return os.write(descriptor, data)
 
+    def sync(descriptor):
+        if full_at_sync:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.fsync(descriptor)
+
     class Full(RecordFile):
         @classmethod
         def create(cls, path, header, _signer):
             descriptors.append(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644))
-            return cls(path, descriptors[0], header, write)
+            return cls(path, descriptors[0], header, DiskCalls(write, sync))
 
         def close(self, **how):
             if at == "index":
                 self.flush()
             if at == "fsync":
-                monkeypatch.setattr(os, "fsync", failing)
+                full_at_sync.append(True)
             else:
                 full.append(True)
             return super().close(**how)
-
-    def failing(_descriptor):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     recorder = kind(tmp_path, create=Full.create, flush=10.0)
     recorder.begin(records.header(), lambda: 0.5)
@@ -202,7 +210,6 @@ async def test_a_disk_that_is_full_only_at_the_end_is_reported_and_the_file_clos
     assert os.strerror(errno.ENOSPC) in recorder.trouble
     with pytest.raises(OSError, match=os.strerror(errno.EBADF)):
         os.fstat(descriptors[0])
-    monkeypatch.undo()
     (one,) = recover_recording(tmp_path)
     ticks = [step.event.tick for _, step in Recording.open(tmp_path).steps()]
     assert ticks == list(range(0 if at == "last chunk" else 50))

@@ -161,4 +161,3 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
     def _write_to_self(self) -> None:
         """Wake no thread."""
-

@@ -155,7 +155,11 @@ class SimulatedSocket:
     network: ClassVar[Network]
 
     def __init__(
-        self, family: int = socket.AF_INET, type: int = socket.SOCK_STREAM, proto: int = 0, fileno: None = None
+        self,
+        family: int = socket.AF_INET,
+        type: int = socket.SOCK_STREAM,
+        proto: int = 0,
+        fileno: None = None,
     ) -> None:
         process = self.network.machine.current
         assert process is not None, "a socket outside of a process"

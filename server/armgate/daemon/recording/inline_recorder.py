@@ -27,7 +27,8 @@ class InlineRecorder(Recorder):
             self._flushing.cancel()
             self._flushing = None
         if self._failure is None:
-            self._guarded(self._parts.close)
+            with self._guard():
+                self._parts.close()
 
     def _start(self) -> None:
         self._loop = asyncio.get_running_loop()
@@ -46,7 +47,8 @@ class InlineRecorder(Recorder):
     def _catch_up(self) -> None:
         self._due = False
         if self._failure is None:
-            self._guarded(self._write_all)
+            with self._guard():
+                self._write_all()
 
     def _write_all(self) -> None:
         while self._queue and (queued := self._queue.popleft()) is not None:
@@ -57,4 +59,5 @@ class InlineRecorder(Recorder):
     def _flush_on(self) -> None:
         self._flushing = None
         if self._failure is None:
-            self._guarded(self._parts.flush)
+            with self._guard():
+                self._parts.flush()

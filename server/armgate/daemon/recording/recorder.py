@@ -5,13 +5,14 @@ that do not fit into the queue are lost. They are counted, marked in the recordi
 states.
 """
 
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from armgate.daemon.recording.worker import ThreadWorker, Worker
 from armgate.events import GateEvent, GateOutput
 from armgate.recorder.parts import ROTATE, Parts, StateAt, state_at
 from armgate.recorder.record_file import RecordFile
@@ -20,7 +21,7 @@ from armgate.recording.chain import Seal, Signer
 from armgate.world.states import Snapshot
 
 FLUSH = 0.12
-"""Longest time of a run that is lost if the daemon is killed, s, in addition to the backlog of the thread."""
+"""Longest time of a run that is lost if the daemon is killed, s, in addition to the backlog of the worker."""
 
 _POLL = 0.02
 """Time between two polls of the queue by the thread, s: each wake-up costs time of the event loop."""
@@ -40,8 +41,8 @@ class Recorder:
         flush: Longest time between two flushes, s.
         signer: Signs each file when it is closed; None: files are not signed.
         create: Creates a file, from its path, header and signer.
-        clock: Monotonic clock of the thread, s.
-        pause: Waits for a number of seconds.
+        clock: Monotonic clock of the worker, s.
+        worker: Makes the worker that writes, from the iterator that does the work.
 
     Attributes:
         folder: Folder of the files.
@@ -59,21 +60,21 @@ class Recorder:
         signer: Signer | None = None,
         create: Callable[[Path, Header, Signer | None], RecordFile] = RecordFile.create,
         clock: Callable[[], float] = time.monotonic,
-        pause: Callable[[float], None] = time.sleep,
+        worker: Callable[[Iterator[float]], Worker] = ThreadWorker,
     ) -> None:
         self.folder = folder
         self.required = required
         self._parts = Parts(folder, rotate, signer, create)
         self._limit = limit
         self._flush = flush
-        self._clock, self._pause = clock, pause
+        self._clock, self._make_worker = clock, worker
         self._queue: deque[_Queued] = deque()
         self._lost = 0
         self._pending = Gap(0, 0)
         self._failure: str | None = None
         self._now: Callable[[], float] = lambda: 0.0
         self._begun = self._ended = False
-        self._thread: threading.Thread | None = None
+        self._worker: Worker | None = None
 
     def begin(self, header: Header, now: Callable[[], float]) -> None:
         """Create the first file and begin to write.
@@ -91,8 +92,7 @@ class Recorder:
         self._start()
 
     def _start(self) -> None:
-        self._thread = threading.Thread(target=self._write, name="recorder", daemon=True)
-        self._thread.start()
+        self._worker = self._make_worker(self._write())
 
     # --- from the event loop ------------------------------------------------------------------------------
 
@@ -144,12 +144,11 @@ class Recorder:
 
     def close(self, timeout: float = 10.0) -> None:
         """Write the waiting records and close the file; wait for at most ``timeout`` s."""
-        if self._thread is not None:
+        if self._worker is not None:
             self._queue.append(None)
-            self._thread.join(timeout)
-            if self._thread.is_alive():
+            if not self._worker.join(timeout):
                 self._failure = f"{self._parts.path}: not written within {timeout:g} s"
-            self._thread = None
+            self._worker = None
 
     def _put(self, at: float, item: Item | StateAt) -> None:
         if len(self._queue) >= self._limit:
@@ -165,40 +164,42 @@ class Recorder:
         step = isinstance(item, Step)
         self._pending = Gap(self._pending.records + 1, self._pending.steps + step)
 
-    # --- in the thread ------------------------------------------------------------------------------------
+    # --- in the worker: each value yielded is a time to wait, s -------------------------------------------
 
-    def _write(self) -> None:
-        self._guarded(self._write_on)
-        while not self._ended and self._next_queued() is not None:  # writing has failed: count the records
-            self._lost += 1
+    def _write(self) -> Iterator[float]:
+        with self._guard():
+            yield from self._write_on()
+        while not self._ended:  # writing has failed: count the records
+            if not self._queue:
+                yield _POLL
+            elif self._queue.popleft() is None:
+                return
+            else:
+                self._lost += 1
 
-    def _write_on(self) -> None:
+    def _write_on(self) -> Iterator[float]:
         due = self._clock() + self._flush
         while True:
             if not self._queue:
-                self._pause(_POLL)
+                yield _POLL
             elif (queued := self._queue.popleft()) is None:
                 self._ended = True
                 self._parts.close()
                 return
             else:
                 self._parts.put(*queued)
-                self._pause(0)  # the event loop may wait for the interpreter: let it run first
+                yield 0.0  # the event loop may wait for the interpreter: let it run first
             if self._clock() >= due:
                 self._parts.flush()
                 due = self._clock() + self._flush
 
-    def _next_queued(self) -> _Queued:
-        while not self._queue:
-            self._pause(_POLL)
-        return self._queue.popleft()
-
     # --- the file -----------------------------------------------------------------------------------------
 
-    def _guarded(self, work: Callable[[], object]) -> None:
+    @contextmanager
+    def _guard(self) -> Iterator[None]:
         """Do some work; if that fails, the recording has ended."""
         try:
-            work()
+            yield
         except OSError as error:
             self._fail(error.strerror or str(error))
         except Exception as error:
