@@ -153,6 +153,12 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         for task in self.tasks:
             task._log_destroy_pending = False  # type: ignore[attr-defined]
 
+    def _check_closed(self) -> None:
+        """Accept what coroutines of dead processes do when they are collected: it has no effect."""
+
+    def __del__(self) -> None:
+        """Do nothing: the loop uses nothing of the system."""
+
     def _make_self_pipe(self) -> None:
         """Make no pipe: there are no threads."""
 

@@ -5,13 +5,13 @@ the turn that is due first, in random order if several are. Time passes only bet
 """
 
 import asyncio
+import contextlib
 import hashlib
 import heapq
 import random
 import sys
 from collections import deque
 from collections.abc import Callable, Coroutine, Iterator
-from contextlib import contextmanager
 from typing import Any
 
 from tools.simulate.machine.loop import NEVER, SimulatedLoop
@@ -195,10 +195,15 @@ class Machine:
         """Release all objects at the end of a simulation."""
         for process in tuple(self.processes):
             process.kill()
+        for process, tasks, _ in self._graves:
+            with self.inside(process):
+                for task in tasks:
+                    with contextlib.suppress(Exception):  # cleanup of a dead process: it has no effect
+                        task.get_coro().close()
         self._graves.clear()
         self._events.clear()
 
-    @contextmanager
+    @contextlib.contextmanager
     def inside(self, process: Process) -> Iterator[None]:
         """Run code of a process."""
         before, hooks = self.current, sys.get_asyncgen_hooks()

@@ -11,6 +11,7 @@ import socket
 import struct
 from collections import deque
 from typing import Any, ClassVar, Self
+from zlib import crc32
 
 from tools.simulate.machine.machine import Machine, Process
 from tools.simulate.machine.network import Address, Network
@@ -66,6 +67,7 @@ class Pipe:
         if count > 1 and self._network.random.random() < self._network.conditions.partial_write:
             count = self._network.random.randint(1, count - 1)
         self.unsent += data[:count]
+        self._machine.trace("send", self.source.process.name, self.target.process.name, count, crc32(data[:count]))
         self.pump()
         return count
 

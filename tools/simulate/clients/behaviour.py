@@ -1,0 +1,346 @@
+"""Behaviours of simulated clients: controllers, operators, observers and malicious ones."""
+
+import asyncio
+import contextlib
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from armgate import client as sdk
+from armgate.client import aio
+from armgate.protocol import VERSIONS, encode
+from armgate.protocol import messages as m
+from tools.simulate.clients.wire import Wire
+from tools.simulate.findings import Findings
+
+ADDRESS = ("127.0.0.1", 7411)
+
+
+@dataclass
+class Setting:
+    """What all clients of a simulation share.
+
+    Attributes:
+        findings: Receives violations.
+        lockstep: True if the daemon runs in lock-step.
+        steps: Largest increment of each robot's joints, rad.
+        tokens: Secrets by the name of the client; empty without login.
+        over: True once clients must end.
+        calm: True once clients do nothing unusual any more.
+    """
+
+    findings: Findings
+    lockstep: bool
+    steps: dict[str, Sequence[float]]
+    periods: dict[str, float]
+    tokens: dict[str, str] = field(default_factory=dict)
+    over: bool = False
+    calm: bool = False
+
+
+class Walk:
+    """Random motion of one robot: it keeps a direction for a while, also into limits and obstacles."""
+
+    def __init__(self, rng: random.Random, largest: Sequence[float]) -> None:
+        self._rng, self._largest = rng, largest
+        self._direction = [0.0] * len(largest)
+        self._left = 0
+
+    def increment(self) -> tuple[float, ...]:
+        """Return the next increment, rad."""
+        if self._left <= 0:
+            self._left = self._rng.randint(3, 60)
+            self._direction = [self._rng.choice((-1, -1, -0.3, 0, 0.3, 1, 1, 1.4)) for _ in self._largest]
+        self._left -= 1
+        return tuple(d * s for d, s in zip(self._direction, self._largest, strict=True))
+
+
+class RawClient:
+    """Client that connects again and again, and acts at random; the base of all behaviours."""
+
+    role: m.Role = "controller"
+    pause = (0.0, 0.05)
+
+    def __init__(self, name: str, setting: Setting, rng: random.Random) -> None:
+        self.name, self.setting, self.rng = name, setting, rng
+        self.wire: Wire
+        self._walks = {robot: Walk(rng, steps) for robot, steps in setting.steps.items()}
+        self._seq = 0
+        self._pinged = 0.0
+
+    async def run(self) -> None:
+        """Connect, act, and connect again until the end."""
+        loop = asyncio.get_running_loop()
+        while not self.setting.over:
+            self.wire = Wire(self.name, self.setting.findings, self._take, lockstep=self.setting.lockstep)
+            try:
+                async with asyncio.timeout(3.0):
+                    await loop.create_connection(lambda: self.wire, *ADDRESS)
+            except (OSError, TimeoutError):
+                await asyncio.sleep(self.rng.uniform(0.05, 0.4))
+                continue
+            self.greet()
+            await self.live()
+            self.wire.abort()
+            await self.wire.closed.wait()
+            await asyncio.sleep(self.rng.uniform(0.0, 0.3))
+
+    def greet(self) -> None:
+        """Send hello."""
+        secret = self.setting.tokens.get(self.name)
+        own = {} if secret is None else {"token": secret}
+        self.wire.send(m.Hello(name=self.name, role=self.role, versions=VERSIONS, **own))
+
+    def welcomed(self) -> None:
+        """Subscribe to states."""
+        self.wire.ask(m.Subscribe(every=self.rng.choice((1, 1, 1, 2, 5))))
+
+    async def live(self) -> None:
+        """Act until the connection ends."""
+        while self.wire.open and not self.setting.over:
+            await asyncio.sleep(self.rng.uniform(*self.pause))
+            if self.wire.open and self.ready:
+                self.act()
+
+    @property
+    def ready(self) -> bool:
+        """True if the client may act: it has been welcomed."""
+        return self.wire.welcomed
+
+    def act(self) -> None:
+        """Do one thing."""
+
+    def _take(self, message: m.Message) -> None:
+        if isinstance(message, m.Welcome):
+            self.welcomed()
+        self.take(message)
+
+    def take(self, message: m.Message) -> None:
+        """Process a message."""
+
+    # --- what behaviours do ---------------------------------------------------------------------------------
+
+    def command(self, robot: str, fence: int, tick: int, dq: Sequence[float] | None = None) -> None:
+        """Send a command."""
+        self._seq += 1
+        chosen = self._walks[robot].increment() if dq is None else dq
+        self.wire.send(m.Command(robot=robot, fence=fence, seq=self._seq, tick=max(tick, 0), dq=tuple(chosen)))
+
+    def ping(self) -> None:
+        """Send a ping, whose time is its number."""
+        self._pinged += 1.0
+        self.wire.ask(m.Ping(time=self._pinged))
+
+    def any_robot(self) -> str:
+        """Return a robot."""
+        return self.rng.choice(list(self.setting.steps))
+
+
+class Controller(RawClient):
+    """Controller that holds robots and commands them at their ticks, and sometimes does something wrong."""
+
+    def act(self) -> None:
+        """Acquire, release, or something unusual."""
+        free = [robot for robot in self.setting.steps if robot not in self.wire.held]
+        roll = self.rng.random()
+        if free and roll < 0.2:
+            self.wire.ask(m.Acquire(robot=self.rng.choice(free), speed=self.rng.choice((1.0, 1.0, 0.5))))
+        elif roll < 0.3:
+            self.ping()
+        elif self.setting.calm:
+            return
+        elif roll < 0.31 and self.wire.held:
+            robot = self.rng.choice(list(self.wire.held))
+            self.wire.ask(m.Release(robot=robot, fence=self.wire.held[robot]))
+        elif roll < 0.34:
+            self._wrong()
+        elif roll < 0.345:
+            self.wire.ask(m.Stop(robot=self.rng.choice((None, self.any_robot())), reason="a simulated stop"))
+        elif roll < 0.36:
+            self.wire.ask(m.Signal(name=f"{self.name}.x", value=(self.rng.random(),)))
+        elif roll < 0.365:
+            self.wire.ask(m.Acquire(robot=self.any_robot()))
+        elif roll < 0.37:
+            self.wire.ask(m.Subscribe(every=self.rng.choice((1, 2)), robots=(self.any_robot(),)))
+
+    def _wrong(self) -> None:
+        """Send a command that must be refused, most likely."""
+        robot = self.any_robot()
+        state = self.wire.states.get(robot)
+        tick = 0 if state is None else state.tick
+        fence = self.wire.held.get(robot, self.rng.randint(0, 5))
+        match self.rng.randrange(6):
+            case 0:
+                self.command(robot, max(0, fence - 1), tick)
+            case 1:
+                self.command(robot, fence + 1, tick)
+            case 2:
+                self.command(robot, fence, tick + self.rng.randint(1, 9))
+            case 3:
+                self.command(robot, fence, tick - self.rng.randint(1, 12))
+            case 4:
+                self.command(robot, fence, tick, (float("nan"), 0.0))
+            case _:
+                self.command(robot, fence, tick, (0.0,) * self.rng.randint(0, 5))
+
+    def take(self, message: m.Message) -> None:
+        """Command a robot at its tick."""
+        if isinstance(message, m.State):
+            robot = message.robot
+            if robot in self.wire.held and self.rng.random() < 0.97:
+                self.command(robot, self.wire.held[robot], message.tick)
+
+
+class Participant(Controller):
+    """Participant of a lock-step: it ends every step."""
+
+    pause = (0.0, 0.02)
+
+    def welcomed(self) -> None:
+        """Subscribe to all states."""
+        self.wire.ask(m.Subscribe(every=1))
+        self._step = -1
+
+    def take(self, message: m.Message) -> None:
+        """Command the robots that ticked, then end the step with a pass."""
+        if isinstance(message, m.State) and message.step is not None and message.step > self._step:
+            self._step = message.step
+            for robot, fence in list(self.wire.held.items()):
+                entry = next((entry for entry in message.entries if entry.robot == robot), None)
+                if entry is not None and self.rng.random() < 0.95:
+                    self.command(robot, fence, entry.tick)
+            self.wire.send(m.Pass(step=message.step))
+
+
+class Operator(RawClient):
+    """Operator that resets stops, and sometimes takes over, kicks and stops."""
+
+    role: m.Role = "operator"
+    pause = (0.02, 0.3)
+
+    def act(self) -> None:
+        """Reset a stop if one is in force."""
+        roll = self.rng.random()
+        stops = {stop for state in self.wire.states.values() for entry in state.entries for stop in entry.stops or ()}
+        if stops and roll < 0.7:
+            self.wire.ask(m.Reset(stop=self.rng.choice(sorted(stops))))
+        elif roll < 0.8 or self.setting.calm:
+            self.ping()
+        elif roll < 0.83:
+            self.wire.ask(m.Stop(robot=self.rng.choice((None, self.any_robot())), reason="an operator's stop"))
+        elif roll < 0.88:
+            self.wire.ask(m.Acquire(robot=self.any_robot(), takeover=True))
+        elif roll < 0.9:
+            self.wire.ask(m.Sessions())
+        elif roll < 0.905:
+            self.wire.ask(m.Kick(session=f"s{self.rng.randint(1, 30)}"))
+        elif roll < 0.93:
+            self.wire.ask(m.Describe())
+        elif self.wire.held and roll < 0.96:
+            robot = self.rng.choice(list(self.wire.held))
+            self.wire.ask(m.Release(robot=robot, fence=self.wire.held[robot]))
+
+
+class Observer(RawClient):
+    """Observer that sometimes reads slowly."""
+
+    role: m.Role = "observer"
+    pause = (0.02, 0.4)
+
+    def act(self) -> None:
+        """Pause and resume reading."""
+        roll = self.rng.random()
+        if self.setting.calm or roll < 0.4:
+            self.wire.resume()
+        elif roll < 0.6:
+            self.wire.pause()
+        elif roll < 0.8:
+            self.ping()
+        elif roll < 0.85:
+            self.wire.ask(m.Acquire(robot=self.any_robot()))
+
+
+class Vandal(RawClient):
+    """Malicious client: wrong bytes, floods, half messages, connections without a hello."""
+
+    pause = (0.0, 0.3)
+
+    def greet(self) -> None:
+        """Send hello, or not."""
+        if self.rng.random() < 0.7:
+            super().greet()
+
+    @property
+    def ready(self) -> bool:
+        """True: this client does not wait for a welcome."""
+        return True
+
+    async def live(self) -> None:
+        """Act until the connection ends; while all is calm, be gone."""
+        if not self.setting.calm:
+            await super().live()
+        else:
+            await asyncio.sleep(0.5)
+
+    def act(self) -> None:
+        """Do harm."""
+        if self.setting.calm:
+            self.wire.abort()
+            return
+        message = m.Command(robot=self.any_robot(), fence=self.rng.randint(0, 9), seq=self._seq, tick=0, dq=(0.1, 0.1))
+        match self.rng.randrange(8):
+            case 0:
+                self.wire.send_bytes(self.rng.randbytes(self.rng.randint(1, 200)))
+            case 1:
+                data = encode(message)
+                self.wire.send_bytes(data[: self.rng.randint(1, len(data))])
+            case 2:
+                for _ in range(self.rng.randint(10, 400)):
+                    self._seq += 1
+                    self.command(message.robot, message.fence, 0, (0.01, 0.01))
+            case 3:
+                self.wire.pause()
+                for _ in range(self.rng.randint(1, 40)):
+                    self.wire.ask(m.Describe())
+            case 4:
+                for _ in range(self.rng.randint(1, 20)):
+                    self.wire.ask(m.Stop(robot=message.robot, reason="x" * self.rng.randint(0, 300)))
+            case 5:
+                for _ in range(self.rng.randint(1, 80)):
+                    self.wire.ask(m.Signal(name=f"v{self.rng.randint(0, 90)}", value=(1.0,)))
+            case 6:
+                self.wire.abort()
+            case _:
+                self.wire.close()
+
+
+class SdkClient:
+    """Controller or observer that uses the SDK's asyncio client as a program does."""
+
+    def __init__(self, name: str, setting: Setting, rng: random.Random) -> None:
+        self.name, self.setting, self.rng = name, setting, rng
+        self.commands = 0
+
+    async def run(self) -> None:
+        """Connect, move a robot, and connect again until the end."""
+        while not self.setting.over:
+            with contextlib.suppress(sdk.ClientError):
+                await self._session()
+            await asyncio.sleep(self.rng.uniform(0.05, 0.5))
+
+    async def _session(self) -> None:
+        token = self.setting.tokens.get(self.name)
+        cell = await aio.connect("127.0.0.1:7411", self.name, token=token, timeout=3.0, patience=3.0)
+        async with cell:
+            robot = self.rng.choice(list(self.setting.steps))
+            walk = Walk(self.rng, self.setting.steps[robot])
+            async with await cell.acquire(robot) as held:
+                left = self.rng.randint(5, 300)
+                async for _tick in held.ticks():
+                    left -= 1
+                    if left < 0 or self.setting.over:
+                        return
+                    verdict = await held.send(walk.increment())
+                    self.commands += 1
+                    if verdict.robot != robot:
+                        self.setting.findings.report("verdicts of the SDK", f"{self.name}: {verdict}")

@@ -1,0 +1,208 @@
+"""Raw client: speaks the protocol over a simulated connection, and checks every message that it receives."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from armgate.protocol import Connection, LocalProtocolError, Refusal, Side, encode
+from armgate.protocol import messages as m
+from tools.simulate.findings import Findings
+
+
+class Wire(asyncio.Protocol):
+    """Connection of one raw client.
+
+    Args:
+        name: Name of the client, for violations.
+        findings: Receives violations.
+        take: Called with every message.
+        lockstep: True if the daemon runs in lock-step.
+
+    Attributes:
+        open: True while the connection is open.
+        closed: Set when the connection has ended.
+        fences: Fences that this connection was granted, by robot.
+        held: Fence of each robot that the client holds, as far as it knows.
+        states: Latest state of each robot.
+    """
+
+    def __init__(
+        self, name: str, findings: Findings, take: Callable[[m.Message], None], *, lockstep: bool
+    ) -> None:
+        self._name, self._findings, self._take, self._lockstep = name, findings, take, lockstep
+        self._connection = Connection(Side.CLIENT)
+        self._commands: dict[str, deque[int]] = {}
+        self._pings: dict[float, int] = {}
+        self._newest = -1
+        self._transport: Any = None
+        self._ids = 0
+        self._asked: dict[int, str] = {}
+        self.open, self.closed = False, asyncio.Event()
+        self.fences: dict[str, set[int]] = {}
+        self.held: dict[str, int] = {}
+        self.states: dict[str, m.State] = {}
+        self.stops: dict[int, m.Stopped] = {}
+        self.welcomed = False
+        self.got: dict[str, int] = {}
+
+    # --- sending --------------------------------------------------------------------------------------------
+
+    def send(self, message: m.Message) -> None:
+        """Send a message, if the connection is open."""
+        if not self.open:
+            return
+        if isinstance(message, m.Command):
+            self._commands.setdefault(message.robot, deque()).append(message.seq)
+            self._newest = message.seq
+        if isinstance(message, m.Ping):
+            self._pings[message.time] = self._newest
+        try:
+            data = self._connection.send(message)
+        except LocalProtocolError:  # a malicious client sends it anyway
+            data = encode(message)
+        self.send_bytes(data)
+
+    def ask(self, message: m.Request) -> int:
+        """Send a request with an id; return the id."""
+        self._ids += 1
+        self._asked[self._ids] = message.type
+        self.send(message.model_copy(update={"id": self._ids}))
+        return self._ids
+
+    def send_bytes(self, data: bytes) -> None:
+        """Send bytes."""
+        if self.open:
+            self._transport.write(data)
+
+    def pause(self) -> None:
+        """Read no more."""
+        if self.open:
+            self._transport.pause_reading()
+
+    def resume(self) -> None:
+        """Read again."""
+        if self.open:
+            self._transport.resume_reading()
+
+    def close(self) -> None:
+        """Close the connection."""
+        if self.open:
+            self._transport.close()
+
+    def abort(self) -> None:
+        """Close the connection at once."""
+        if self.open:
+            self._transport.abort()
+
+    @property
+    def unanswered(self) -> int:
+        """Number of commands without a verdict."""
+        return sum(map(len, self._commands.values()))
+
+    # --- asyncio --------------------------------------------------------------------------------------------
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Keep the transport."""
+        self._transport, self.open = transport, True
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Note the end."""
+        self.open = False
+        self.closed.set()
+
+    def data_received(self, data: bytes) -> None:
+        """Decode and check messages."""
+        for item in self._connection.receive(data):
+            if isinstance(item, Refusal):
+                self._findings.report("readable messages", f"{self._name}: {item.error}")
+            else:
+                self._receive(item)
+
+    def eof_received(self) -> bool:
+        """Close, too."""
+        return False
+
+    # --- checks ---------------------------------------------------------------------------------------------
+
+    def _receive(self, message: m.Message) -> None:
+        self.got[message.type] = self.got.get(message.type, 0) + 1
+        re = getattr(message, "re", None)
+        if re is not None:
+            self._check(self._asked.pop(re, None) is not None, "one answer per request", message)
+        match message:
+            case m.Welcome():
+                self._check(not self.welcomed, "one welcome", message)
+                self.welcomed = True
+            case m.Verdict():
+                self._verdict(message)
+            case m.State():
+                self._state(message)
+            case m.Lease():
+                self._lease(message)
+            case m.Pong():
+                self._pong(message)
+            case m.Stopped():
+                self._stopped(message)
+            case m.Resumed():
+                self.stops.pop(message.stop, None)
+                self.stops.pop(-1 if message.lifted is None else message.lifted, None)
+            case m.Error():
+                self._error(message)
+            case _:
+                pass
+        self._take(message)
+
+    def _verdict(self, verdict: m.Verdict) -> None:
+        waiting = self._commands.get(verdict.robot, deque())
+        expected = waiting.popleft() if waiting else None
+        self._check(expected == verdict.seq, "one verdict per command, in order", (expected, verdict))
+        if verdict.outcome != "refused":
+            held = self.fences.get(verdict.robot)
+            self._check(bool(held), "verdicts for holders", verdict)
+
+    def _error(self, error: m.Error) -> None:
+        if error.seq is not None:
+            for waiting in self._commands.values():
+                if waiting and error.seq in waiting:
+                    waiting.remove(error.seq)
+                    return
+
+    def _state(self, state: m.State) -> None:
+        before = self.states.get(state.robot)
+        newer = before is None or state.tick > before.tick
+        # A new subscription sends the latest state again.
+        again = before is not None and state.tick == before.tick and self.got.get("subscribed", 0) > 1
+        self._check(newer or again, "states are monotonic", (before and before.tick, state.robot, state.tick))
+        if before is not None:
+            for one, other in zip(before.entries, state.entries, strict=False):
+                self._check(other.tick >= one.tick, "entries are monotonic", (one.robot, one.tick, other.tick))
+        self.states[state.robot] = state
+
+    def _lease(self, lease: m.Lease) -> None:
+        known = self.fences.setdefault(lease.robot, set())
+        if lease.state == "held":
+            self._check(all(lease.fence > other for other in known), "fences grow", (lease, known))
+            known.add(lease.fence)
+            self.held[lease.robot] = lease.fence
+        else:
+            self._check(lease.fence in known, "leases end once granted", (lease, known))
+            if self.held.get(lease.robot) == lease.fence:
+                del self.held[lease.robot]
+
+    def _stopped(self, stopped: m.Stopped) -> None:
+        if stopped.replaces is not None:
+            self.stops.pop(stopped.replaces, None)
+        self.stops[stopped.stop] = stopped
+
+    def _pong(self, pong: m.Pong) -> None:
+        """By the wall clock, all commands before a ping have their verdicts when its pong arrives."""
+        newest = self._pings.pop(pong.time, None)
+        self._check(newest is not None, "one pong per ping", pong)
+        if newest is not None and not self._lockstep:
+            late = [seq for seqs in self._commands.values() for seq in seqs if seq <= newest]
+            self._check(not late, "a verdict for each command", (pong, late))
+
+    def _check(self, holds: bool, invariant: str, seen: object) -> None:
+        if not holds:
+            self._findings.report(invariant, f"{self._name}: {seen}")
