@@ -5,6 +5,7 @@ ARGS ?=
 RUNS ?= 100000
 STEPS ?= 20000
 MUTANTS ?=
+SEEDS ?= 20
 PAIRS ?= 100000
 CASES ?= 1000
 SEED ?= 0
@@ -16,7 +17,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-world lock sbom clean
+.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-world lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -105,6 +106,9 @@ certificates: $(VENV)/.tested  ## compare PAIRS proofs of distance with a second
 
 fuzz-meshes: $(VENV)/.tested  ## try RUNS mesh files of each format, half of them damaged: make fuzz-meshes RUNS=10000
 	@RUNS=$(RUNS) SEED=$(SEED) PYTHONPATH=tests $(BIN)/python tests/cell/mesh_fuzz.py
+
+simulate: $(VENV)/.tested  ## simulate the stack under faults, from SEEDS seeds: make simulate SEEDS=1000
+	@$(BIN)/python -m tools.simulate --seeds $(SEEDS) --jobs 2 $(ARGS)
 
 mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests catch: make mutants MUTANTS=100
 	@$(BIN)/python -m tools.mutants $(MUTANTS) --seed $(SEED) $(ARGS)

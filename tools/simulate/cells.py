@@ -2,7 +2,7 @@
 
 import math
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -30,7 +30,8 @@ _URDF = """<robot name="planar2">
     <limit lower="-2.9" upper="2.9" velocity="2.0" effort="0"/></joint>
   <joint name="J2" type="revolute"><parent link="link_1"/><child link="link_2"/><origin xyz="{l1} 0 0"/>
     <axis xyz="0 0 1"/><limit lower="-2.6" upper="2.6" velocity="2.5" effort="0"/></joint>
-  <joint name="mount" type="fixed"><parent link="link_2"/><child link="tool0"/><origin xyz="{l2} 0 0"/></joint>
+  <joint name="mount" type="fixed"><parent link="link_2"/><child link="tool0"/>
+    <origin xyz="{l2} 0 0"/></joint>
 </robot>
 """
 
@@ -89,7 +90,7 @@ VARIANTS = (
 @cache
 def cell_of(variant: Variant, lockstep: bool) -> Cell:
     """Return the cell of a variant; it is built once."""
-    folder = Path(tempfile.mkdtemp(dir=_FILES.name))  # the files are read again for the header of a recording
+    folder = Path(tempfile.mkdtemp(dir=_FILES.name))  # read again for a recording
     h1, h2 = (length / 2 for length in LENGTHS)
     (l1, l2), (r1, r2) = LENGTHS, RADII
     (folder / "planar2.urdf").write_text(_URDF.format(h1=h1, h2=h2, l1=l1, l2=l2, r1=r1, r2=r2))
@@ -130,13 +131,11 @@ def distance(one: Segment, other: Segment) -> float:
     return apart - r - s
 
 
-def clearance(q: dict[str, Sequence[float]]) -> float:
+def clearance(q: Mapping[str, Sequence[float]]) -> float:
     """Return the smallest distance between the robots, and between each and the post, m."""
     bodies = {robot: segments(robot, position) for robot, position in q.items()}
     post = POST, POST_RADIUS
-    found = [
-        _to_point(a, b, post[0]) - r - post[1] for own in bodies.values() for a, b, r in own
-    ]
+    found = [_to_point(a, b, post[0]) - r - post[1] for own in bodies.values() for a, b, r in own]
     if len(bodies) == 2:
         found += [distance(one, other) for one in bodies["A"] for other in bodies["B"]]
     return min(found)

@@ -79,9 +79,12 @@ class Faults:
     ) -> None:
         self._machine, self._network, self._disk = machine, network, disk
         self._stack, self._clients = stack, clients
+        self._healed = False
 
     def happen(self, fault: Fault) -> None:
-        """Let a fault happen."""
+        """Let a fault happen, unless all faults have ended."""
+        if self._healed:
+            return
         self._machine.trace("fault", fault)
         if fault.target == "daemon":
             self._to_daemon(fault)
@@ -93,7 +96,8 @@ class Faults:
             self._to_disk(fault)
 
     def heal(self) -> None:
-        """End all faults."""
+        """End all faults for good."""
+        self._healed = True
         for route in self._network.routes.values():
             route.loss, route.delay_ns, route.blocked_until = 0.0, 100_000, 0
         self._disk.slow_until, self._disk.sync_fails, self._disk.room = 0, False, 1 << 40

@@ -64,7 +64,9 @@ class RobotChecks:
         check(tick.plan is not None or not any(moves), "robots move by plans only", text)
         if self.abandoned is not None and any(moves):
             gone = self._now() - self.abandoned
-            check(gone < self._longest[tick.robot], "robots rest without a daemon", lambda: f"{gone} ns: {tick}")
+            check(
+                gone < self._longest[tick.robot], "robots rest without a daemon", lambda: f"{gone} ns: {tick}"
+            )
         least = clearance(self.q)
         check(least >= KEPT - _NEAR, "clearance", lambda: f"{least} m at {self.q}")
 

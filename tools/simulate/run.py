@@ -8,7 +8,7 @@ from typing import Any
 
 from armgate.daemon.auth.keys import Keys
 from armgate.daemon.auth.tokens import Token, Tokens, digest
-from armgate.emulator import clock as emulator_clock
+from armgate.protocol.messages import Role
 from tools.simulate.cells import PARTICIPANTS, VARIANTS, cell_of
 from tools.simulate.clients.behaviour import (
     Controller,
@@ -59,10 +59,11 @@ class Simulation:
         keep: True to keep the whole trace.
     """
 
-    def __init__(self, seed: int, steps: int, without: frozenset[int] = frozenset(), *, keep: bool = False) -> None:
+    def __init__(
+        self, seed: int, steps: int, without: frozenset[int] = frozenset(), *, keep: bool = False
+    ) -> None:
         choose = random.Random(f"simulation {seed}")  # noqa: S311 (no secret)
         self._seed, self._steps = seed, steps
-        self._random = lambda name: random.Random(f"{name} {seed}")  # noqa: S311
         self._mode = choose.choice(("wall", "wall", "server", "server", "lockstep"))
         self._variant = choose.choice(VARIANTS)
         self._record = choose.random() < 0.5
@@ -90,10 +91,14 @@ class Simulation:
         self._without = without
         self._faults = Faults(self._machine, self._network, self._disk, self._stack, self._clients)
 
+    def _random(self, name: str) -> random.Random:
+        """Return a source of randomness of its own: what other parts draw does not change it."""
+        return random.Random(f"{name} {self._seed}")  # noqa: S311
+
     def _login(self) -> Keys:
         names = ("left", "right", "op", "eye", "sdk0", "sdk1", "hand0", "hand1")
         self._setting.tokens = {name: f"secret of {name}" for name in names}
-        roles = {"op": "operator", "eye": "observer"}
+        roles: dict[str, Role] = {"op": "operator", "eye": "observer"}
         tokens: list[Any] = [
             Token(name=name, role=roles.get(name, "controller"), sha256=digest(secret))
             for name, secret in self._setting.tokens.items()
@@ -118,7 +123,9 @@ class Simulation:
             return
         number = list(self._kinds).index(name)
         process = self._clients[name] = self._machine.process(name, f"10.0.0.{number + 1}")
-        client: RawClient | SdkClient = self._kinds[name](name, self._setting, self._random(f"{name} {self._machine.now}"))
+        client: RawClient | SdkClient = self._kinds[name](
+            name, self._setting, self._random(f"{name} {self._machine.now}")
+        )
         process.on_exit = self._client_ended
         with self._machine.inside(process):
             main = client.run()
@@ -133,14 +140,15 @@ class Simulation:
     def run(self) -> Result:
         """Run to the end."""
         SimulatedSocket.network = self._network
-        timer, emulator_clock.Timer = emulator_clock.Timer, SimulatedTimer  # type: ignore[misc,assignment]
         collecting = gc.isenabled()
         gc.disable()
         try:
-            with interposed.running(self._machine, SimulatedSocket), WatchedRobots(self._stack.robots.tick):
+            with (
+                interposed.running(self._machine, SimulatedSocket, SimulatedTimer),
+                WatchedRobots(self._stack.robots.tick),
+            ):
                 self._run()
         finally:
-            emulator_clock.Timer = timer  # type: ignore[misc]
             self._machine.clear()
             if collecting:
                 gc.enable()
@@ -189,7 +197,7 @@ class Simulation:
             self._findings.check(holds, invariant, lambda: str(queues))
 
     def _calm(self) -> None:
-        """End all faults; then the stack must work, and end as it is told."""
+        """End all faults; then the stack must work, and end on a signal."""
         self._faults.heal()
         self._setting.calm = True
         enough = self._stack.ticks + max(200, self._steps // 4)
@@ -198,13 +206,17 @@ class Simulation:
         )
         self._setting.over = True
         self._stack.end_daemon(kill=False)
-        self._machine.run(self._machine.now + round(_END * _S), lambda: self._over() or self._stack.life is None)
+        self._machine.run(
+            self._machine.now + round(_END * _S), lambda: self._over() or self._stack.life is None
+        )
         if self._stack.life is not None:
             self._findings.report("the daemon ends", "not within 12 s")
 
     def _result(self) -> Result:
-        violations = [*self._findings.all, *(f"no exception unhandled: {text}" for text in self._machine.problems)]
-        kept = [fault for number, fault in enumerate(self._schedule) if number not in self._without]
+        violations = [
+            *self._findings.all,
+            *(f"no exception unhandled: {text}" for text in self._machine.problems),
+        ]
         figures = {"turns": self._machine.turns, "lives": len(self._stack.lives)}
         return Result(
             self._seed,
@@ -212,7 +224,7 @@ class Simulation:
             f"{self._mode} {self._variant.periods} {'recorded' if self._record else ''}",
             self._machine.digest,
             violations,
-            kept,
+            self._schedule,
             list(self._machine.lines),
             figures,
         )

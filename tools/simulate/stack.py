@@ -47,7 +47,7 @@ class Life:
         log: Its log.
         checks: Checks of its gate.
         events: Every event of the gate with the machine's time, ns.
-        asked: True if it was told to end.
+        asked: True if a signal to end was sent.
     """
 
     folder: Path | None
@@ -239,10 +239,12 @@ class WatchedRobots:
             take(tick)
             return tick
 
-        EmulatedLink.advance = watched  # type: ignore[method-assign]
+        link_type: Any = EmulatedLink
+        link_type.advance = watched
 
     def __exit__(self, *_: object) -> None:
-        EmulatedLink.advance = self._advance  # type: ignore[method-assign]
+        link_type: Any = EmulatedLink
+        link_type.advance = self._advance
 
 
 def largest_steps(cell: Cell) -> dict[str, Sequence[float]]:

@@ -18,7 +18,7 @@ ADDRESS = ("127.0.0.1", 7411)
 
 @dataclass
 class Setting:
-    """What all clients of a simulation share.
+    """State that all clients of a simulation share.
 
     Attributes:
         findings: Receives violations.
@@ -88,8 +88,7 @@ class RawClient:
     def greet(self) -> None:
         """Send hello."""
         secret = self.setting.tokens.get(self.name)
-        own = {} if secret is None else {"token": secret}
-        self.wire.send(m.Hello(name=self.name, role=self.role, versions=VERSIONS, **own))
+        self.wire.send(m.Hello(name=self.name, role=self.role, versions=VERSIONS, token=secret))
 
     def welcomed(self) -> None:
         """Subscribe to states."""
@@ -124,7 +123,9 @@ class RawClient:
         """Send a command."""
         self._seq += 1
         chosen = self._walks[robot].increment() if dq is None else dq
-        self.wire.send(m.Command(robot=robot, fence=fence, seq=self._seq, tick=max(tick, 0), dq=tuple(chosen)))
+        self.wire.send(
+            m.Command(robot=robot, fence=fence, seq=self._seq, tick=max(tick, 0), dq=tuple(chosen))
+        )
 
     def ping(self) -> None:
         """Send a ping, whose time is its number."""
@@ -221,13 +222,20 @@ class Operator(RawClient):
     def act(self) -> None:
         """Reset a stop if one is in force."""
         roll = self.rng.random()
-        stops = {stop for state in self.wire.states.values() for entry in state.entries for stop in entry.stops or ()}
+        stops = {
+            stop
+            for state in self.wire.states.values()
+            for entry in state.entries
+            for stop in entry.stops or ()
+        }
         if stops and roll < 0.7:
             self.wire.ask(m.Reset(stop=self.rng.choice(sorted(stops))))
         elif roll < 0.8 or self.setting.calm:
             self.ping()
         elif roll < 0.83:
-            self.wire.ask(m.Stop(robot=self.rng.choice((None, self.any_robot())), reason="an operator's stop"))
+            self.wire.ask(
+                m.Stop(robot=self.rng.choice((None, self.any_robot())), reason="an operator's stop")
+            )
         elif roll < 0.88:
             self.wire.ask(m.Acquire(robot=self.any_robot(), takeover=True))
         elif roll < 0.9:
@@ -287,31 +295,36 @@ class Vandal(RawClient):
         if self.setting.calm:
             self.wire.abort()
             return
-        message = m.Command(robot=self.any_robot(), fence=self.rng.randint(0, 9), seq=self._seq, tick=0, dq=(0.1, 0.1))
-        match self.rng.randrange(8):
+        message = m.Command(
+            robot=self.any_robot(), fence=self.rng.randint(0, 9), seq=self._seq, tick=0, dq=(0.1, 0.1)
+        )
+        match self.rng.randrange(6):
             case 0:
                 self.wire.send_bytes(self.rng.randbytes(self.rng.randint(1, 200)))
             case 1:
                 data = encode(message)
                 self.wire.send_bytes(data[: self.rng.randint(1, len(data))])
-            case 2:
+            case 2 | 3 | 4:
+                self._flood(message)
+            case _:
+                self.rng.choice((self.wire.abort, self.wire.close))()
+
+    def _flood(self, message: m.Command) -> None:
+        """Send many messages at once."""
+        match self.rng.randrange(4):
+            case 0:
                 for _ in range(self.rng.randint(10, 400)):
-                    self._seq += 1
                     self.command(message.robot, message.fence, 0, (0.01, 0.01))
-            case 3:
+            case 1:
                 self.wire.pause()
                 for _ in range(self.rng.randint(1, 40)):
                     self.wire.ask(m.Describe())
-            case 4:
+            case 2:
                 for _ in range(self.rng.randint(1, 20)):
                     self.wire.ask(m.Stop(robot=message.robot, reason="x" * self.rng.randint(0, 300)))
-            case 5:
+            case _:
                 for _ in range(self.rng.randint(1, 80)):
                     self.wire.ask(m.Signal(name=f"v{self.rng.randint(0, 90)}", value=(1.0,)))
-            case 6:
-                self.wire.abort()
-            case _:
-                self.wire.close()
 
 
 class SdkClient:

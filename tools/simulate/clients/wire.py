@@ -176,7 +176,9 @@ class Wire(asyncio.Protocol):
         self._check(newer or again, "states are monotonic", (before and before.tick, state.robot, state.tick))
         if before is not None:
             for one, other in zip(before.entries, state.entries, strict=False):
-                self._check(other.tick >= one.tick, "entries are monotonic", (one.robot, one.tick, other.tick))
+                self._check(
+                    other.tick >= one.tick, "entries are monotonic", (one.robot, one.tick, other.tick)
+                )
         self.states[state.robot] = state
 
     def _lease(self, lease: m.Lease) -> None:

@@ -1,8 +1,8 @@
 """Clocks and random numbers of the simulated machine, in place of those of the standard library.
 
-`install` replaces functions of ``time`` and ``secrets`` once, before armgate is imported, because modules bind
-these names when they are imported. The replacements return the values of the machine that runs, and those of
-the real machine otherwise. Sockets are replaced only while a machine runs.
+`install` replaces functions of ``time`` and ``secrets`` once, before armgate is imported, because modules
+bind these names when they are imported. The replacements return the values of the machine that runs, and
+those of the real machine otherwise. Sockets are replaced only while a machine runs.
 """
 
 import secrets
@@ -62,13 +62,18 @@ def install() -> None:
 
 
 @contextmanager
-def running(machine: Source, sockets: type) -> Iterator[None]:
-    """Take clocks, random numbers and sockets from this machine."""
+def running(machine: Source, sockets: Any, timer: Any) -> Iterator[None]:
+    """Take clocks, random numbers, sockets and kernel timers from this machine."""
+    from armgate.emulator import clock  # noqa: PLC0415 (after `install`)
+
+    emulated: Any = clock
     global _running  # noqa: PLW0603 (one machine at a time, as there is one standard library)
     _running = machine
     socket.socket = sockets  # type: ignore[misc]
+    real_timer, emulated.Timer = emulated.Timer, timer
     try:
         yield
     finally:
         _running = None
         socket.socket = _REAL_SOCKET  # type: ignore[misc]
+        emulated.Timer = real_timer

@@ -80,7 +80,7 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
 
     def __init__(self, process: "Process") -> None:
         self.selector = Selector()
-        self.signals: dict[int, tuple[Callable[..., Any], Any]] = {}
+        self.signals: dict[int, tuple[Callable[..., Any], tuple[Any, ...]]] = {}
         self.tasks: dict[asyncio.Task[Any], None] = {}
         self._process = process
         super().__init__(self.selector)
@@ -118,9 +118,9 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
     def _forget_task(self, task: "asyncio.Task[Any]") -> None:
         self.tasks.pop(task, None)
 
-    def add_signal_handler(self, sig: int, callback: Callable[..., Any], *args: Any) -> None:
+    def add_signal_handler(self, sig: int, callback: Any, *args: Any) -> None:  # type: ignore[override]
         """Handle a signal."""
-        self.signals[int(sig)] = callback, *args  # type: ignore[assignment]
+        self.signals[int(sig)] = callback, args
 
     def remove_signal_handler(self, sig: int) -> bool:
         """Handle a signal no more."""

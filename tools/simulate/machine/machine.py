@@ -69,7 +69,8 @@ class Process:
         if handler is None:
             self.kill()
         elif self.alive:
-            self.loop.call_soon(*handler)
+            callback, arguments = handler
+            self.loop.call_soon(callback, *arguments)
 
     def kill(self) -> None:
         """End the process at once: none of its code runs any more, and its sockets are closed."""
@@ -116,6 +117,7 @@ class Machine:
         self.lines: deque[str] = deque(maxlen=None if keep else _KEPT)
         self._events: list[tuple[int, int, Callable[[], None]]] = []
         self._count = self._used = 0
+        self._call_ns = 1_000
         self._hash = hashlib.sha256()
         self._graves: list[Any] = []
 
@@ -130,8 +132,8 @@ class Machine:
         return _EPOCH + self.now
 
     def processor_ns(self) -> int:
-        """Return the used processor time, ns; every call uses some."""
-        self._used += 3_000 if self._random.random() < 0.98 else 400_000
+        """Return the used processor time, ns; every call uses some, in some turns much."""
+        self._used += self._call_ns
         return self._used
 
     def random_bytes(self, count: int) -> bytes:
@@ -234,6 +236,7 @@ class Machine:
     def _turn(self, process: Process) -> None:
         self.now = max(self.now, process.wake())
         self.turns += 1
+        self._call_ns = 1_000 if self._random.random() < 0.98 else 300_000
         with self.inside(process):
             process.loop.turn()
         process.busy_until = max(process.busy_until, self.now + self._random.randint(*_TURN_NS))

@@ -67,7 +67,9 @@ class Pipe:
         if count > 1 and self._network.random.random() < self._network.conditions.partial_write:
             count = self._network.random.randint(1, count - 1)
         self.unsent += data[:count]
-        self._machine.trace("send", self.source.process.name, self.target.process.name, count, crc32(data[:count]))
+        self._machine.trace(
+            "send", self.source.process.name, self.target.process.name, count, crc32(data[:count])
+        )
         self.pump()
         return count
 
@@ -159,7 +161,7 @@ class SimulatedSocket:
     def __init__(
         self,
         family: int = socket.AF_INET,
-        type: int = socket.SOCK_STREAM,
+        type: int = socket.SOCK_STREAM,  # noqa: A002 (the name that sockets give it)
         proto: int = 0,
         fileno: None = None,
     ) -> None:
@@ -185,7 +187,7 @@ class SimulatedSocket:
         process.loop.selector.files[self._number] = self
         self.network.sockets[self._number] = self
 
-    # --- readiness -------------------------------------------------------------------------------------------
+    # --- readiness -----------------------------------------------------------------------------------------
 
     def ready(self) -> int:
         """Return the events that a selector reports."""
@@ -217,7 +219,7 @@ class SimulatedSocket:
         if self._failure:
             raise _error(self._failure)
 
-    # --- methods of sockets ----------------------------------------------------------------------------------
+    # --- methods of sockets --------------------------------------------------------------------------------
 
     def fileno(self) -> int:
         """Return the descriptor."""

@@ -70,7 +70,8 @@ class SessionManager:
         self._greeter = greeter
         self._log = log
         self.failed = failed
-        self._sessions: set[Session] = set()
+        # Ordered, so that what clients receive does not depend on the addresses of objects.
+        self._sessions: dict[Session, None] = {}
         self._numbers = itertools.count(1)
         self._refused = FailureLog(settings.login_failures, settings.login_failures_per_address, monotonic())
         self._login = Login(settings, keys, limits, pace.session_id, core.robots, log)
@@ -168,7 +169,7 @@ class SessionManager:
 
     def opened(self, session: Session) -> None:
         """Register a connection: it may stay if there is room and its hello comes in time."""
-        self._sessions.add(session)
+        self._sessions[session] = None
         if session.slot.refusal:
             session.close(RemoteProtocolError(ErrorCode.TOO_MANY, session.slot.refusal).message())
         elif session.certificate is not None and not is_for_clients(session.certificate):
@@ -209,7 +210,7 @@ class SessionManager:
 
     def closed(self, session: Session) -> None:
         """Forget a connection that is closed."""
-        self._sessions.discard(session)
+        self._sessions.pop(session, None)
         self._login.closed(session)
         self._listener.left(session.slot)
         self._check_empty()
