@@ -33,9 +33,6 @@ _EXTRAS = {
     "moderngl": "view",
     "pygame": "gamepad",
     "cryptography": "sign",
-    "arro3": "campaign",
-    "dask": "dask",
-    "distributed": "dask",
 }
 
 

@@ -33,6 +33,8 @@ class Controller:
 class Participant:
     """Program that takes part in a world: `act` before each step, `take` after it.
 
+    A participant can be pickled if its program can. A copy belongs to no world until `rejoin`.
+
     Args:
         world: The world, in which the participant's name has not joined yet.
         name: Name of the participant.
@@ -51,6 +53,7 @@ class Participant:
     def __init__(
         self, world: World, name: str, controller: Controller, report: Callable[[str], object]
     ) -> None:
+        self._name = name
         client = world.join(name, controller.role, CAPABILITIES)
         self.outcome: Outcome | None = None
         self._cell = WorldCell(client)
@@ -63,6 +66,11 @@ class Participant:
         self._seen = 0
         self._seq: int | None = None
         self._asked = False
+
+    def rejoin(self, world: World) -> None:
+        """Continue in a copy of the world, after this participant was copied or pickled with its state."""
+        if self.outcome is None:
+            self._cell.rejoin(world.client(self._name))
 
     def interrupt(self) -> None:
         """Request the end of the program, as Ctrl-C does."""

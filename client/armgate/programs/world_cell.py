@@ -23,11 +23,20 @@ class WorldCell(CellBase):
     """
 
     def __init__(self, client: WorldClient) -> None:
-        session = Session(sender=_Sender(client))
+        self._sender = _Sender(client)
+        session = Session(sender=self._sender)
         super().__init__(session, timeout=0.0, patience=0.0)
         self._client = client
         session.take(client.welcome)
         self.description = self.ask(m.Describe(), m.Description)
+
+    def rejoin(self, client: WorldClient) -> None:
+        """Continue as the same client in a copy of the world."""
+        self._client = self._sender.client = client
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the client, which belongs to one world; see `rejoin`."""
+        return {key: value for key, value in vars(self).items() if key != "_client"}
 
     def urdf(self, robot: str) -> str:
         """Return the URDF of a robot."""
@@ -68,14 +77,18 @@ class _Sender:
     """Sending side of the SDK's session in a world."""
 
     def __init__(self, client: WorldClient) -> None:
-        self._client = client
+        self.client = client
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return nothing: the client belongs to one world."""
+        return {}
 
     def send(self, message: Any) -> bytes:
         """Send a message as an object; a command is validated first, as a daemon does."""
         if isinstance(message, m.Bye):
-            self._client.leave()
+            self.client.leave()
         else:
-            self._client.send(_valid(message) if isinstance(message, m.Command) else message)
+            self.client.send(_valid(message) if isinstance(message, m.Command) else message)
         return b""
 
 

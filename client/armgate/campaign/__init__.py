@@ -1,1 +1,0 @@
-"""Campaigns: many trials of controllers in a cell, with variations, figures and claims."""
