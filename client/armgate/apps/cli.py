@@ -33,6 +33,9 @@ _EXTRAS = {
     "moderngl": "view",
     "pygame": "gamepad",
     "cryptography": "sign",
+    "arro3": "campaign",
+    "dask": "dask",
+    "distributed": "dask",
 }
 
 

@@ -1,6 +1,6 @@
 """Configuration of a cell: models, units, strict YAML with overlays, and packing into one folder."""
 
-from armgate.cell.config.cell import CellConfig, SurroundingConfig, dump_config, load_config
+from armgate.cell.config.cell import CellConfig, SurroundingConfig, config_of, dump_config, load_config
 from armgate.cell.config.daemon import (
     LockstepClockConfig,
     MetricsConfig,
@@ -36,6 +36,7 @@ __all__ = [
     "SurroundingConfig",
     "TlsConfig",
     "WallClockConfig",
+    "config_of",
     "dump_config",
     "in_lockstep",
     "load_config",

@@ -100,7 +100,15 @@ def load_config(paths: Sequence[Path]) -> CellConfig:
         ConfigError: A file cannot be read, is malformed, or a value is not what was expected; the text gives
             file, line, key and expectation of every error.
     """
-    tree = read_tree(paths)
+    return config_of(read_tree(paths))
+
+
+def config_of(tree: Node) -> CellConfig:
+    """Return the configuration in a tree, whose marks are the places in error messages.
+
+    Raises:
+        ConfigError: A value is not what was expected, as in `load_config`.
+    """
     try:
         config = CellConfig.model_validate(tree.plain())
     except ValidationError as error:

@@ -67,6 +67,36 @@ class Node:
             # Any other step was added by a validator: the value is at this node or further inside.
         return mark
 
+    def replaced(self, path: KeyPath, value: "Node") -> "Node":
+        """Return a tree with another value under these keys and indices; absent mappings are added.
+
+        Raises:
+            ConfigError: A value on the way is neither a mapping nor a list with this index; the error is at
+                the mark of ``value``.
+        """
+        return self._replaced(path, value, ())
+
+    def _replaced(self, path: KeyPath, value: "Node", above: KeyPath) -> "Node":
+        if not path:
+            return value
+        step, rest, here = path[0], path[1:], (*above, path[0])
+        if isinstance(self.value, dict) or self.empty:
+            entries = self.value if isinstance(self.value, dict) else {}
+            child = entries.get(str(step), Node({}, value.mark))
+            changed = entries | {str(step): child._replaced(rest, value, here)}
+            return Node(changed, self.mark, {str(step): value.mark} | self.keys)
+        if isinstance(self.value, tuple) and isinstance(step, int) and 0 <= step < len(self.value):
+            parts = list(self.value)
+            parts[step] = parts[step]._replaced(rest, value, here)
+            return Node(tuple(parts), self.mark, self.keys)
+        raise config_error(value.mark, here, _no_place(self, step))
+
+
+def _no_place(node: Node, step: str | int) -> str:
+    if isinstance(node.value, tuple):
+        return f"the list has no entry {step!r}; expected a number from 0 to {len(node.value) - 1}"
+    return f"the key is inside of the value {node.value!r}; expected the key of a mapping or list"
+
 
 def dotted(path: KeyPath) -> str:
     """Return keys and indices in the form of error messages: ``robots.FR.start.2``."""

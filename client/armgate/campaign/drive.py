@@ -1,0 +1,134 @@
+"""Run of a campaign: open the store, run the missing trials, write table and report."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from armgate.campaign.basis import basis_of
+from armgate.campaign.campaign_file import CampaignConfig, load_campaign
+from armgate.campaign.claims import Checked, check_claims, check_figures
+from armgate.campaign.pool import Plan, Pool
+from armgate.campaign.progress import progress
+from armgate.campaign.report import report_page
+from armgate.campaign.result import Result
+from armgate.campaign.schedule import Schedule
+from armgate.campaign.store import Store
+from armgate.campaign.table import result_of
+from armgate.campaign.trials import Basis, Trial, trials
+from armgate.campaign.variations import check_keys
+from armgate.cell.config import load_config
+
+MakePool = Callable[[Plan], Pool]
+"""Function that starts the workers."""
+UNHASHED = {"claims", "timeout", "attempts"}
+"""Keys of the file that do not change any figure; they may differ between two runs of one store."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Campaign that is ready to run.
+
+    Attributes:
+        config: Its file.
+        basis: What the keys of the trials depend on, besides the file.
+        trials: All its trials.
+    """
+
+    config: CampaignConfig
+    basis: Basis
+    trials: list[Trial]
+
+    @classmethod
+    def load(cls, file: Path) -> "Campaign":
+        """Read a campaign, and check all of it that can be checked before a trial runs.
+
+        Raises:
+            ConfigError: The file, or the configuration of a cell, is not valid.
+            EntryError: A Python entry cannot be imported.
+        """
+        config = load_campaign(file)
+        check_keys(config)
+        basis = basis_of(config)
+        robots = load_config([config.folder / name for name in config.cell]).robots
+        check_figures(config, list(robots))
+        return cls(config, basis, trials(config, basis))
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """Content that two runs of one store have in common."""
+        dump = self.config.model_dump(mode="json", exclude=UNHASHED)
+        return {
+            "campaign": dump,
+            "versions": dict(self.basis.versions),
+            "sources": dict(self.basis.sources),
+            "cells": dict(self.basis.cells),
+        }
+
+
+@dataclass(frozen=True)
+class Summary:
+    """End of a run of a campaign.
+
+    Attributes:
+        folder: Folder of the store.
+        done: Number of results.
+        planned: Number of trials.
+        failed: Number of failed trials.
+        claims: Claims with their outcomes.
+        interrupted: True if the user ended the run.
+    """
+
+    folder: Path
+    done: int
+    planned: int
+    failed: int
+    claims: list[Checked]
+    interrupted: bool
+
+
+def run_campaign(campaign: Campaign, folder: Path, make_pool: MakePool) -> Summary:
+    """Run the trials of a campaign that have no result yet.
+
+    Raises:
+        UsageError: The store is in use, or belongs to another campaign.
+        CampaignError: The disk is full, or the workers are lost; the results so far are stored.
+    """
+    with Store(folder, campaign.manifest) as store:
+        missing = [trial for trial in campaign.trials if trial.key not in store]
+        interrupted = bool(missing) and _run(campaign, store, missing, make_pool)
+        if not interrupted:
+            store.complete()
+        else:
+            store.flush()
+        results = {key: result_of(row) for key, row in store.rows.items()}
+    return _sum_up(campaign, folder, results, interrupted)
+
+
+def _run(campaign: Campaign, store: Store, missing: list[Trial], make_pool: MakePool) -> bool:
+    """Run trials; return True if the user interrupted them."""
+    by_key = {trial.key: trial for trial in missing}
+    config = campaign.config
+    plan = Plan(config, campaign.basis)
+    with (
+        progress(len(campaign.trials), len(campaign.trials) - len(missing)) as shown,
+        make_pool(plan) as pool,
+    ):
+
+        def take(result: Result) -> None:
+            store.put(by_key[result.key], result)
+            shown.done(result.failed)
+
+        try:
+            Schedule(pool, take, config.attempts, config.timeout).run(missing)
+        except KeyboardInterrupt:
+            return True
+    return False
+
+
+def _sum_up(campaign: Campaign, folder: Path, results: Mapping[str, Result], interrupted: bool) -> Summary:
+    claims = check_claims(campaign.config, campaign.trials, results, complete=not interrupted)
+    page = report_page(campaign.config, campaign.trials, results, claims, folder)
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    failed = sum(result.failed for result in results.values())
+    return Summary(folder, len(results), len(campaign.trials), failed, claims, interrupted)
