@@ -1,3 +1,6 @@
+import copy
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -244,3 +247,12 @@ def test_names_that_pinocchio_uses_are_allowed(tree, change):
     same = RobotModel.from_urdf(TREE.replace(*change), BASE)
     q = [0.4, 0.3, -1.2]
     assert np.array_equal(same.frame(q, "tip").t, tree.frame(q, "tip").t)
+
+
+def test_a_copy_of_a_model_has_results_of_its_own(tree):
+    q, other = np.array([0.3, 0.1, -0.5]), np.array([-1.0, 0.4, 2.0])
+    for copied in (copy.deepcopy(tree), pickle.loads(pickle.dumps(tree))):
+        expected = tree.body_placements(q)[1]
+        np.testing.assert_array_equal(copied.body_placements(other)[1], tree.body_placements(other)[1])
+        np.testing.assert_array_equal(copied.body_placements(q)[1], expected)
+        assert not copied.lower.flags.writeable

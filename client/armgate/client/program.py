@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from armgate.client.blocking import Cell, Robot
+from armgate.client.errors import BadArgument
 from armgate.client.shared_signals import SharedSignals
 from armgate.client.tick import Tick
 from armgate.protocol.messages import Description, State, Verdict
@@ -136,6 +137,18 @@ class ProgramContext:
     robot: str | None = None
     seed: int = 0
 
+    @property
+    def own(self) -> str:
+        """Name of the robot that the program commands.
+
+        Raises:
+            BadArgument: There is none.
+        """
+        if self.robot is None:
+            known = ", ".join(robot.name for robot in self.cell.description.robots)
+            raise BadArgument(f"this program commands a robot, but none was named; expected one of {known}")
+        return self.robot
+
 
 class EndRequest(Protocol):
     """Request to end a program, for example by Ctrl-C."""
@@ -149,7 +162,7 @@ class _NoRequest:
     requested = False
 
 
-def _ignore(_text: str) -> None:
+def ignore(_text: str) -> None:
     """Print nothing."""
 
 
@@ -159,7 +172,7 @@ def run(
     program: Program,
     *,
     interrupt: EndRequest | None = None,
-    report: Callable[[str], object] = _ignore,
+    report: Callable[[str], object] = ignore,
 ) -> Outcome:
     """Run a program on a connection until it ends; acquire its robot before, and release it afterwards.
 

@@ -115,15 +115,27 @@ class CompiledLaw(CameraLaw):
         self, model: RobotModel, frame: str, gains: Gains | None = None, spheres: Spheres | None = None
     ) -> None:
         super().__init__(model, frame, gains, spheres)
-        prepare()
-        self._kernels = _kernels()
-        self._evaluate = self._kernels.evaluate
+        self._load()
         self._own_parts = (
             self._pack_camera(), np.zeros(1, self._kernels.GOAL), self._pack_joints(), np.ones((3, model.n)),
             self._pack_spheres(), self._pack_pairs(),
         )  # fmt: skip
         none = np.zeros(0, self._kernels.OBSTACLE)
         self._alone = PackedScene(np.zeros(model.n), np.inf, np.inf, self._packed_with(none))
+
+    def _load(self) -> None:
+        prepare()
+        self._kernels = _kernels()
+        self._evaluate = self._kernels.evaluate
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the kernels: a module cannot be pickled."""
+        return {name: value for name, value in vars(self).items() if name not in ("_kernels", "_evaluate")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with the kernels of this process."""
+        self.__dict__.update(state)
+        self._load()
 
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
         """Return a scene; see `CameraLaw.scene`."""

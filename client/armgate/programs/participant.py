@@ -67,11 +67,6 @@ class Participant:
         self._seq: int | None = None
         self._asked = False
 
-    def rejoin(self, world: World) -> None:
-        """Continue in a copy of the world, after this participant was copied or pickled with its state."""
-        if self.outcome is None:
-            self._cell.rejoin(world.client(self._name))
-
     def interrupt(self) -> None:
         """Request the end of the program, as Ctrl-C does."""
         self._asked = True
@@ -106,9 +101,19 @@ class Participant:
     def leave(self) -> None:
         """End the session, unless it has ended: the lease ends, and the robot brakes along its plan."""
         if self.outcome is None:
-            # No release: it would wait for the next step if the program has sent its command of this one.
-            self.outcome = INTERRUPTED
-            self._session.bye()
+            self._end(INTERRUPTED)
+
+    def rejoin(self, world: World) -> None:
+        """Continue in a copy of its world: a fork, or a restored world.
+
+        The participant itself is copied with `copy.deepcopy` or by pickling, if its program permits this,
+        when the world is copied. A copy can be used after this call only.
+
+        Raises:
+            KeyError: The copy has no such client.
+        """
+        if self.outcome is None:
+            self._cell.connect(world.client(self._name))
 
     def _begin(self) -> int:
         """Subscribe and acquire the robot; return the fence."""
@@ -150,5 +155,5 @@ class Participant:
         if self._session.closed is None:
             robot, fence = self._robot, self._fence
             if robot is not None and self._session.leases.holds(robot, fence):
-                self._cell.ask(build(m.Release, robot=robot, fence=fence), m.Lease)
+                self._session.ask(build(m.Release, robot=robot, fence=fence))
             self._session.bye()

@@ -23,20 +23,11 @@ class WorldCell(CellBase):
     """
 
     def __init__(self, client: WorldClient) -> None:
-        self._sender = _Sender(client)
+        self._sender = Sender(client)
         session = Session(sender=self._sender)
         super().__init__(session, timeout=0.0, patience=0.0)
-        self._client = client
         session.take(client.welcome)
         self.description = self.ask(m.Describe(), m.Description)
-
-    def rejoin(self, client: WorldClient) -> None:
-        """Continue as the same client in a copy of the world."""
-        self._client = self._sender.client = client
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the client, which belongs to one world; see `rejoin`."""
-        return {key: value for key, value in vars(self).items() if key != "_client"}
 
     def urdf(self, robot: str) -> str:
         """Return the URDF of a robot."""
@@ -69,18 +60,26 @@ class WorldCell(CellBase):
         return answer
 
     def _receive(self) -> None:
-        for message in self._client.take():
+        for message in self._sender.client.take():
             self._session.take(message)
 
+    def connect(self, client: WorldClient) -> None:
+        """Continue as the client of another world, after a copy."""
+        self._sender.client = client
 
-class _Sender:
-    """Sending side of the SDK's session in a world."""
+
+class Sender:
+    """Sending side of the SDK's session in a world.
+
+    Attributes:
+        client: Client that sends; a copy has none until it is set.
+    """
 
     def __init__(self, client: WorldClient) -> None:
         self.client = client
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return nothing: the client belongs to one world."""
+    def __getstate__(self) -> dict[str, object]:
+        """Return no state: the client belongs to its world."""
         return {}
 
     def send(self, message: Any) -> bytes:

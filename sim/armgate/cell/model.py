@@ -90,9 +90,7 @@ class RobotModel:
     def __init__(self, urdf: Urdf, pin_model: Any, base: Placement) -> None:
         self.base = base
         self.pin_model = pin_model
-        self.pin_data = pin_model.createData()
-        # References into pinocchio's data: they show the latest result, and fetching them again is slow.
-        self._oMi = [self.pin_data.oMi[joint] for joint in range(pin_model.njoints)]
+        self._make_data()
         self.n: int = pin_model.nv
         by_name = {joint.name: joint for joint in urdf.joints}
         self.joints = tuple(_joint(by_name[name]) for name in list(pin_model.names)[1:])
@@ -109,6 +107,22 @@ class RobotModel:
         self._body_joints = np.array([body.joint + 1 for body in self.bodies], dtype=np.intp)
         self._body_R = np.array([body.placement.R for body in self.bodies]).reshape(-1, 3, 3)
         self._body_t = np.array([body.placement.t for body in self.bodies]).reshape(-1, 3, 1)
+
+    def _make_data(self) -> None:
+        self.pin_data = self.pin_model.createData()
+        # References into pinocchio's data: they show the latest result, and fetching them again is slow.
+        self._oMi = [self.pin_data.oMi[joint] for joint in range(self.pin_model.njoints)]
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without pinocchio's data: copies of the references would show no results."""
+        return {name: value for name, value in vars(self).items() if name not in ("pin_data", "_oMi")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with new data."""
+        self.__dict__.update(state)
+        self._make_data()
+        for values in (self.lower, self.upper, self.velocity, self.chain):
+            values.setflags(write=False)
 
     @classmethod
     def from_urdf(cls, text: str, base: Placement) -> "RobotModel":

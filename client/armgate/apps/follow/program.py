@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from armgate.apps.follow.loop import FollowLoop, FollowOptions, FollowOutput
 from armgate.client import SignalValue, Tick, Verdict
-from armgate.client.program import Outcome, ProgramCell
+from armgate.client.program import Outcome, ProgramCell, ProgramContext
 
 Array = NDArray[np.float64]
 Values = dict[str, tuple[float, ...]]
@@ -103,6 +103,27 @@ class FollowProgram:
         share = f"{100 * self._progress.value:.0f} %"
         text = f"{self._loop.robot.name} is at rest: the leader disconnected at {share} of its path"
         return Outcome(text, failed=True)
+
+
+def make(
+    context: ProgramContext,
+    *,
+    leader: str,
+    distance: float = 1.0,
+    lag: float = 0.03,
+    focus: Sequence[float] | None = None,
+    predict: bool = True,
+    duration: float | None = None,
+) -> FollowProgram:
+    """Make the program; the options are those of ``armgate follow``.
+
+    Raises:
+        UsageError: A robot is unknown, both are the same, or the follower's robot has no camera.
+        BadArgument: No robot was named.
+    """
+    point = None if focus is None else (float(focus[0]), float(focus[1]), float(focus[2]))
+    options = FollowOptions(distance, lag, focus=point, predict=predict)
+    return FollowProgram.build(context.cell, context.own, leader, options, duration)
 
 
 @dataclass

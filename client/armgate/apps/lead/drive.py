@@ -1,16 +1,17 @@
 """Checks of a path before it is played, and the program that plays it."""
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from armgate.apps.errors import PathError, UsageError
 from armgate.apps.last_increment import LastIncrement
-from armgate.apps.lead.path import RecordedPath
+from armgate.apps.lead.path import RecordedPath, read_path
 from armgate.apps.lead.playback import REACHED, Playback
 from armgate.apps.lead.shaping import Array, Bounds
 from armgate.client import Description, RobotDescription, Tick, Verdict
-from armgate.client.program import Outcome
+from armgate.client.program import Outcome, ProgramContext, ignore
 
 PROGRESS_EVERY = 4
 """Ticks between two updates of ``lead.progress``."""
@@ -125,3 +126,16 @@ class PathProgram:
         """Request the end: the robot brakes to rest first."""
         self._interrupted = True
         return True
+
+
+def make(context: ProgramContext, *, path: str | Path, duration: float | None = None) -> PathProgram:
+    """Make the program that plays a path file; it prints nothing.
+
+    Raises:
+        PathError: The file is malformed, or does not fit the robot.
+        UsageError: The cell has no such robot.
+        BadArgument: No robot was named.
+    """
+    recorded = read_path(Path(path))
+    described = check_path(recorded, context.cell.description, context.own)
+    return PathProgram(Playback(recorded, bounds_of(described), duration), ignore)

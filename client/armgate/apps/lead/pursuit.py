@@ -10,7 +10,7 @@ from armgate.apps.lead.motions import Array, MotionRequest, RobotState, ToolTarg
 from armgate.apps.robot_models import described, model_of
 from armgate.cell.model import RobotModel
 from armgate.cell.placement import Placement
-from armgate.client.program import ProgramCell
+from armgate.client.program import ProgramCell, ProgramContext, ignore
 from armgate.control.spheres import Spheres
 
 
@@ -90,3 +90,13 @@ def pursuit_program(
     name, _, body = target.partition("/")
     pursued = TargetBody.of(name, body, model_of(cell, described(cell.description, name)))
     return JogProgram(Pursuit(pursued, model_of(cell, own), own.tool), steering, report)
+
+
+def make(context: ProgramContext, *, target: str, speed: float = 0.25) -> JogProgram:
+    """Make the program that pursues a body (``FR/link_3``) at ``speed`` m/s; it prints nothing.
+
+    Raises:
+        UsageError: The cell has no such robot or body.
+        BadArgument: No robot was named.
+    """
+    return pursuit_program(context.cell, context.own, target, speed, ignore)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,10 @@ from armgate.apps.errors import AppError, UsageError
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.last_increment import LastIncrement
 from armgate.apps.lead.path import format_path
-from armgate.apps.reach.goal import Arm, Goal, build
+from armgate.apps.reach.goal import Arm, Goal, build, tuning
 from armgate.cell.placement import Placement
 from armgate.client import Cell, RobotDescription, Tick, Verdict
-from armgate.client.program import Outcome, run
+from armgate.client.program import Outcome, ProgramContext, run
 from armgate.control.bounds import IncrementBounds
 from armgate.control.redundancy.reach import Reach
 
@@ -200,6 +201,41 @@ def reach(
     if outcome.failed:
         raise AppError(f"{robot}: {outcome.text}")
     return outcome.text
+
+
+def make(
+    context: ProgramContext,
+    *,
+    tolerance: float = 1e-3,
+    duration: float = 60.0,
+    method: str = "damped",
+    gain: float = 2.0,
+    speed: float = 0.25,
+    damping: float = 0.05,
+    **goal: Any,
+) -> ReachProgram:
+    """Make the program; the options are those of ``armgate reach``.
+
+    Args:
+        context: The cell and the robot.
+        tolerance: Convergence tolerance, m and rad.
+        duration: Timeout, s.
+        method: Inverse of the Jacobian: damped, variable, ….
+        gain: Task velocity per error, 1/s.
+        speed: Largest task velocity, m/s and rad/s.
+        damping: Damping factor.
+        goal: Further fields of `Goal`.
+
+    Raises:
+        UsageError: There is no such robot, frame or row.
+        BadArgument: No robot was named.
+    """
+    wanted = Goal(**_GOAL | goal, tuning=tuning(method, gain, speed, damping))
+    return ReachProgram(build(context.cell, context.own, wanted), EndCriteria(tolerance, duration))
+
+
+_GOAL = {"frame": None, "rows": ("x", "y", "z"), "xyz": None, "rpy_deg": None, "objectives": (), "clear": 0.3}
+"""Defaults of the goal of `make`."""
 
 
 def write_motion(file: Path, robot: RobotDescription, setpoints: Array) -> None:

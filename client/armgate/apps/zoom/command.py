@@ -29,17 +29,14 @@ def zoom(
     key: Key = None,
 ) -> None:
     """Change the wanted view distance as an operator would."""
-    from armgate.apps.errors import UsageError
     from armgate.apps.interrupt import catch_interrupt
     from armgate.apps.zoom.schedule import DistanceSchedule, ZoomProgram
     from armgate.client import connect
     from armgate.client.program import run
 
-    if not low <= start <= high:
-        raise UsageError(f"expected --low ≤ --start ≤ --high, got {low:g}, {start:g} and {high:g} m")
+    program = ZoomProgram(DistanceSchedule(low, high, start, rate, seed), duration)
     own = login(token_file, ca, cert, key)
     with catch_interrupt() as interrupt, connect(address, name=name, role="operator", **own) as cell:
-        program = ZoomProgram(DistanceSchedule(low, high, start, rate, seed), duration)
         run(cell, None, program, interrupt=interrupt, report=_echo)
 
 

@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from armgate.apps.errors import UsageError
 from armgate.client import Tick, Verdict
-from armgate.client.program import REST, Outcome
+from armgate.client.program import REST, Outcome, ProgramContext
 
 SIGNAL = "operator.distance"
 HOLD = (1.0, 3.0)
@@ -21,9 +22,14 @@ class DistanceSchedule:
         start: Distance at time 0, m.
         rate: Rate of change, m/s.
         seed: Seed of the random numbers.
+
+    Raises:
+        UsageError: The distances are not in order.
     """
 
     def __init__(self, low: float, high: float, start: float, rate: float, seed: int) -> None:
+        if not low <= start <= high:
+            raise UsageError(f"expected --low ≤ --start ≤ --high, got {low:g}, {start:g} and {high:g} m")
         self._low, self._high, self._rate = low, high, rate
         self._chance = np.random.default_rng(seed)
         self._from, self._to = start, start
@@ -84,3 +90,20 @@ class ZoomProgram:
     def interrupt(self) -> bool:
         """End at once."""
         return False
+
+
+def make(
+    context: ProgramContext,
+    *,
+    low: float = 0.5,
+    high: float = 1.3,
+    start: float = 1.0,
+    rate: float = 0.1,
+    duration: float | None = None,
+) -> ZoomProgram:
+    """Make the program; the options are those of ``armgate zoom``, and the seed is that of the context.
+
+    Raises:
+        UsageError: The distances are not in order.
+    """
+    return ZoomProgram(DistanceSchedule(low, high, start, rate, context.seed), duration)
