@@ -34,7 +34,7 @@ from armgate.events import (
 from armgate.gate import verdict_wording
 from armgate.gate.clearance import Clearance
 from armgate.gate.clearance.certificate import GAP
-from armgate.gate.clearance.nearest_pairs import NearestPairs
+from armgate.gate.clearance.compiled_nearest import nearest_pairs_of
 from armgate.gate.command_checks import failed_check
 from armgate.gate.decision import Decision, DecisionMaker
 from armgate.gate.occupancy import deviation, settle_measured
@@ -64,7 +64,7 @@ class Gate:
         self._cell = cell
         self._start = start
         self._clearance = Clearance(cell, compiled)
-        self._nearest = NearestPairs(self._clearance)
+        self._nearest = nearest_pairs_of(self._clearance)
         self._decisions = DecisionMaker(self._clearance, cell.config.response)
         self._robots = [RobotState.of(r, i) for i, r in enumerate(cell.robots)]
         self._reservations = Reservations(self._clearance)

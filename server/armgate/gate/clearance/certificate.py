@@ -44,11 +44,17 @@ class Certificate:
 
 
 class Certifier:
-    """Prover of lower bounds, with directions that the engines suggest."""
+    """Prover of lower bounds, with directions that the engines suggest.
+
+    Attributes:
+        first: The engine that is queried first.
+        queries: Number of proven bounds.
+        gaps: Number of bounds that differ from the distance of the first engine by more than ``GAP``.
+    """
 
     def __init__(self, cell: Cell) -> None:
         shapes = tuple(b.shape for b in cell.bodies)
-        self._first: Engine = CoalEngine(shapes)
+        self.first = CoalEngine(shapes)
         self._second: Engine = FclEngine(shapes)
         self.queries = 0
         self.gaps = 0
@@ -69,7 +75,7 @@ class Certifier:
         return Certificate(n, lb, points)
 
     def _best(self, a: "_Posed", b: "_Posed") -> tuple[Array, float, tuple[Point, Point]]:
-        suggestion = self._first.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
+        suggestion = self.first.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
         lb = _slab(a, b, suggestion.normal)
         if (
             abs(suggestion.distance - lb) > GAP
@@ -83,7 +89,7 @@ class Certifier:
         if lb < 0.0:
             n, lb = _overlap(a, b, n, lb, suggestion.distance)
         p, q = suggestion.points
-        return n, lb, (_point(p), _point(q))
+        return n, lb, (point(p), point(q))
 
 
 class _Posed(NamedTuple):
@@ -114,6 +120,7 @@ def _slab(a: _Posed, b: _Posed, n: Array) -> float:
     return float(n @ (b.t - a.t)) - support_of_one(a.row, n @ a.R) - support_of_one(b.row, -n @ b.R)
 
 
-def _point(x: Array) -> Point:
+def point(x: Array) -> Point:
+    """Return a vector, (3,), as a tuple."""
     a, b, c = x.tolist()
     return a, b, c

@@ -48,15 +48,19 @@ def prefilter_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | Non
 
 
 class CompiledPrefilter(Prefilter):
-    """`Prefilter` with compiled slabs and kinematics."""
+    """`Prefilter` with compiled slabs and kinematics.
+
+    Attributes:
+        cell: The cell in the kernels' form.
+        own: Pairs of each robot in the kernels' form: bodies, growth and bend bounds.
+    """
 
     def __init__(self, space: Space, pairs: Sequence[RobotPairs]) -> None:
         prepare()
         self.pairs = list(pairs)
         self._space = space
-        self._kernels = _kernels()
-        self._cell = pack_cell(space)
-        self._own = [_pack_pairs(own) for own in pairs]
+        self.cell = pack_cell(space)
+        self.own = [_pack_pairs(own) for own in pairs]
         self._held: list[Sequence[Swept]] = [() for _ in space.cell.robots]
         bodies = len(space.cell.bodies)
         # Static bodies have one row and come after the robots; robots of unknown position have none.
@@ -69,8 +73,8 @@ class CompiledPrefilter(Prefilter):
     def replace(self, robot: int, own: RobotPairs) -> None:
         """Replace the motion bounds of a robot's pairs."""
         super().replace(robot, own)
-        self._cell = (*self._cell[:4], *_bounds(self._space))
-        self._own[robot] = _pack_pairs(own)
+        self.cell = (*self.cell[:4], *_bounds(self._space))
+        self.own[robot] = _pack_pairs(own)
 
     def hold(self, robot: int, swept: Sequence[Swept]) -> None:
         """Store the held occupancies of a robot; they are written at the next query that needs them."""
@@ -79,8 +83,8 @@ class CompiledPrefilter(Prefilter):
 
     def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
         lb, moves, asked = np.empty(len(left)), (robot, new.nodes, new.tube), (left, n)
-        own, slabs = self._own[robot], self._kernels.slabs
-        while (other := slabs(self._cell, self._nodes, own, moves, asked, lb)) >= 0:
+        own, slabs = self.own[robot], kernels().slabs
+        while (other := slabs(self.cell, self._nodes, own, moves, asked, lb)) >= 0:
             self._write(other)  # an open pair needs the rows of this robot, which are out of date
         return lb
 
@@ -88,7 +92,7 @@ class CompiledPrefilter(Prefilter):
         swept, row = self._held[robot], 0
         self._make_room(sum(len(s.nodes) for s in swept))
         for s in swept:
-            self._kernels.hold(self._cell, self._nodes, robot, row, s.nodes, s.tube)
+            kernels().hold(self.cell, self._nodes, robot, row, s.nodes, s.tube)
             row += len(s.nodes)
         self._nodes[3][robot] = row
 
@@ -104,18 +108,13 @@ class CompiledPrefilter(Prefilter):
         """Return the placements of a robot's bodies at q; a `Place`."""
         bodies = self._bodies[robot]
         R, t = np.empty((bodies, 3, 3)), np.empty((bodies, 3))
-        self._kernels.place(self._cell, robot, np.array(q, dtype=np.float64), R, t)
+        kernels().place(self.cell, robot, np.array(q, dtype=np.float64), R, t)
         return R, t
 
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the kernels: a module cannot be pickled."""
-        return {name: value for name, value in self.__dict__.items() if name != "_kernels"}
-
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with the kernels of this process."""
+        """Restore the state, after the kernels of this process are ready."""
         prepare()
         self.__dict__.update(state)
-        self._kernels = _kernels()
 
 
 @cache
@@ -128,7 +127,7 @@ def prepare() -> None:
     Raises:
         ImportError: numba is not installed.
     """
-    k = _kernels()
+    k = kernels()
     robots, joints, bodies = (np.zeros(1, dtype) for dtype in (k.ROBOT, k.JOINT, k.BODY))
     robots["joints"] = robots["bodies"] = 1
     joints[0]["R"][:] = np.eye(3)
@@ -141,17 +140,24 @@ def prepare() -> None:
     k.place(cell, 0, one, R[0], t[0])
     k.hold(cell, held, 0, 0, two, one)
     k.slabs(cell, held, own, (0, two, one), (np.zeros(1, np.intp), np.zeros((1, 3))), one)
-    for compiled in (k.place, k.hold, k.slabs):
+    places, point = np.zeros(1, np.intp), np.zeros(3)
+    k.follow(cell, 0, (one, one), (places, two), one, (R[0], t[0]))
+    k.lowest(one, places)
+    k.first(one, places)
+    k.certify(cell, (R[0], t[0]), (0, 0, False), (0.0, point, point, point), one, point)
+    for compiled in (k.place, k.hold, k.slabs, k.follow, k.lowest, k.first, k.certify):
         compiled.disable_compile()
 
 
-def _kernels() -> ModuleType:
-    return import_module("armgate.gate.clearance.kernels")  # here, because importing numba takes a second
+@cache
+def kernels() -> ModuleType:
+    """Return the module of the kernels; it is imported only here, because importing numba takes a second."""
+    return import_module("armgate.gate.clearance.kernels")
 
 
 def pack_cell(space: Space) -> tuple[Any, ...]:
     """Return the cell in the kernels' form: robots, joints, bodies, corners, motion and bend bounds."""
-    k, cell = _kernels(), space.cell
+    k, cell = kernels(), space.cell
     models = [r.model for r in cell.robots]
     robots = np.zeros(len(models), k.ROBOT)
     robots["joints"], robots["bodies"] = [m.n for m in models], [len(m.bodies) for m in models]
@@ -173,7 +179,7 @@ def _bounds(space: Space) -> tuple[Array, Array]:
 
 
 def _pack_joints(model: RobotModel) -> Records:
-    joints = np.zeros(model.n, _kernels().JOINT)
+    joints = np.zeros(model.n, kernels().JOINT)
     for i, joint in enumerate(model.joints):
         placement = model.pin_model.jointPlacements[i + 1]
         subspace = np.asarray(model.pin_model.joints[i + 1].createData().S).reshape(6)
@@ -196,7 +202,7 @@ def _slides(kind: Literal["revolute", "prismatic"]) -> bool:
 
 def _pack_bodies(space: Space) -> Records:
     cell = space.cell
-    bodies = np.zeros(len(cell.bodies), _kernels().BODY)
+    bodies = np.zeros(len(cell.bodies), kernels().BODY)
     for k, body in enumerate(cell.bodies):
         joint = -1 if body.robot is None else cell.robots[body.robot].model.bodies[body.index].joint
         bodies[k]["R"], bodies[k]["t"] = body.placement.R, body.placement.t
@@ -212,7 +218,7 @@ def _corners(space: Space) -> Array:
 
 
 def _pack_pairs(own: RobotPairs) -> tuple[Any, ...]:
-    pairs = np.zeros(len(own.ids), _kernels().PAIR)
+    pairs = np.zeros(len(own.ids), kernels().PAIR)
     pairs["mine"], pairs["theirs"] = own.mine, own.theirs
     n = own.growth.shape[1]
     bend = np.zeros((0, n, n)) if own.chain is None else own.chain.bend

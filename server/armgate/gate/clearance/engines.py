@@ -8,7 +8,7 @@ Both engines receive a convex body's hull without its radius, which is subtracte
 still have a direction when the bodies around them touch.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from math import isfinite, sqrt
@@ -64,7 +64,7 @@ class CoalEngine:
         _settle_coal()
         self._given = shapes
         self._shapes = [_engine_shape(coal, s, _coal_hull) for s in shapes]
-        self._radii = [_radius(s) for s in shapes]
+        self._radii = radii_of(shapes)
         self._request = coal.DistanceRequest()
         self._request.gjk_tolerance = _TOLERANCE
         self._request.epa_tolerance = _TOLERANCE
@@ -76,12 +76,19 @@ class CoalEngine:
 
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
         """Query coal; its normal is used if the bodies touch, because the points then give no direction."""
-        self._result.clear()
-        place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
-        d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, self._result)
-        p, q = self._result.getNearestPoint1().copy(), self._result.getNearestPoint2().copy()
-        found = Suggestion(float(d), _direction(p, q, float(d), self._result.normal), (p, q))
+        d, p, q, normal = self.query(a, pose_a, b, pose_b)
+        found = Suggestion(d, _direction(p, q, d, normal), (p, q))
         return _thickened(found, self._radii[a], self._radii[b])
+
+    def query(
+        self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]
+    ) -> tuple[float, Array, Array, Array]:
+        """Return coal's distance, witness points and normal for the bodies without their radii."""
+        result = self._result
+        result.clear()
+        place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
+        d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, result)
+        return float(d), result.getNearestPoint1().copy(), result.getNearestPoint2().copy(), result.normal
 
 
 class FclEngine:
@@ -90,7 +97,7 @@ class FclEngine:
     def __init__(self, shapes: tuple[Shape, ...]) -> None:
         self._given = shapes
         self._shapes = [_engine_shape(fcl, s, _fcl_hull) for s in shapes]
-        self._radii = [_radius(s) for s in shapes]
+        self._radii = radii_of(shapes)
 
     def __reduce__(self) -> tuple[type["FclEngine"], tuple[tuple[Shape, ...]]]:
         """Return the constructor and its argument: the engine's objects are made anew in a copy."""
@@ -108,6 +115,7 @@ class FclEngine:
 
 
 def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
+    """Return the unit direction from p to q; the compiled form is in ``kernels.certify``."""
     v = q - p if distance > _TOUCHING else np.array(fallback, dtype=np.float64)
     length = sqrt(float(v @ v))
     if not isfinite(length) or length < _TOUCHING:
@@ -115,9 +123,9 @@ def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
     return np.asarray(v / length)
 
 
-def _radius(shape: Shape) -> float:
-    """Return the thickness of a body around the hull that the engine receives, m."""
-    return shape.radius if isinstance(shape, Convex) else 0.0
+def radii_of(shapes: Sequence[Shape]) -> list[float]:
+    """Return the thickness of each body around the hull that the engines receive, m."""
+    return [shape.radius if isinstance(shape, Convex) else 0.0 for shape in shapes]
 
 
 def _thickened(found: Suggestion, radius_a: float, radius_b: float) -> Suggestion:

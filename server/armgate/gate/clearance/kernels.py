@@ -33,6 +33,9 @@ BODY = np.dtype(
 )
 PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 
+_TOUCHING = 1e-9
+"""`engines._TOUCHING`: distance up to which the witness points give no direction, m."""
+
 
 def kernel(function: F) -> F:
     """Return the function, compiled at its first call, with numba's cache if one can be written.
@@ -271,3 +274,91 @@ def slabs(cell, held, own, moves, asked, lb):
         else:
             lb[i] = _apart(cell, held, pairs[p], n[i], (R, t, deviation))
     return -1
+
+
+@kernel
+def follow(cell, robot, moved, pairs, margin, poses):
+    """`NearestPairs._move`: place a robot's bodies at q, and lower its margins by the motion from ``before``.
+
+    Poses, R (b, 3, 3) and t (b, 3), are those of all bodies of the cell, margins those of all its pairs.
+    """
+    q, before = moved
+    ids, growth = pairs
+    own = cell[0][robot]
+    mine = slice(own.body, own.body + own.bodies)
+    place(cell, robot, q, poses[0][mine], poses[1][mine])
+    for k in range(len(ids)):
+        way = 0.0
+        for j in range(len(q)):
+            way += growth[k, j] * abs(q[j] - before[j])
+        margin[ids[k]] -= way
+
+
+@kernel
+def _first_place(margin, places):
+    """`np.argmin` among ``places``: the first NaN, else the first lowest value; −1 if it is not finite."""
+    best = -1
+    for k in places:
+        if best < 0 or margin[k] < margin[best] or (np.isnan(margin[k]) and not np.isnan(margin[best])):
+            best = k
+    return best if best >= 0 and np.isfinite(margin[best]) else -1
+
+
+@kernel
+def lowest(margin, others):
+    """`NearestPairs._lowest`: the places of the lowest margins, of all and of ``others``; −1 for none."""
+    return _first_place(margin, range(len(margin))), _first_place(margin, others)
+
+
+@kernel
+def first(margin, out):
+    """`nearest_pairs._first`: write the places of the lowest margins to ``out``; return their number."""
+    found = 0
+    for k in range(len(margin)):
+        at = found
+        while at > 0 and margin[k] < margin[out[at - 1]]:
+            at -= 1
+        if at < len(out) and not np.isnan(margin[k]):
+            found = min(found + 1, len(out))
+            for i in range(found - 1, at, -1):
+                out[i] = out[i - 1]
+            out[at] = k
+    return found
+
+
+@kernel
+def _unit(v):
+    """`engines._direction`: v/|v|, or z for a vector without a direction."""
+    length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    if not np.isfinite(length) or length < _TOUCHING:
+        return 0.0, 0.0, 1.0
+    return v[0] / length, v[1] / length, v[2] / length
+
+
+@kernel
+def certify(cell, poses, pair, found, radii, n):
+    """`Certifier._best` for bodies that do not overlap: return the bound, and the engine's distance.
+
+    The bound is the slab of the engine's direction, which is written to ``n``: in the world, or in the frame
+    of the first body if the pair is chained. The witness points are moved to the surfaces.
+    """
+    a, b, chained = pair
+    distance, p, q, normal = found
+    R, t = poses
+    near, far = radii[a], radii[b]
+    v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
+    if not distance > _TOUCHING:
+        v = (normal[0], normal[1], normal[2])
+    v = _unit(v)
+    for i in range(3):
+        p[i] += near * v[i]
+        q[i] -= far * v[i]
+    turned = _turned_back(R[a], v)
+    away = _turned_back(R[b], (-v[0], -v[1], -v[2]))
+    apart = (t[b, 0] - t[a, 0], t[b, 1] - t[a, 1], t[b, 2] - t[a, 2])
+    bodies = cell[2]
+    lb = _dot(v, apart) - _support(cell, bodies[a], turned) - _support(cell, bodies[b], away)
+    kept = turned if chained else v
+    for i in range(3):
+        n[i] = kept[i]
+    return lb, distance - near - far

@@ -3,6 +3,8 @@
 A lower bound is kept for every pair and lowered by the motion of its robots. The engine measures the pairs
 with the lowest bounds until the lowest bound is a measured one: then no pair can be nearer than that. So only
 near pairs need the engine.
+
+`armgate.gate.clearance.compiled_nearest` has the compiled form.
 """
 
 from bisect import insort
@@ -12,12 +14,14 @@ from math import isfinite
 import numpy as np
 
 from armgate.cell.cell import Cell
-from armgate.events import Joints, Nearest
-from armgate.gate.clearance.certificate import Certificate
+from armgate.events import Joints, Nearest, Point
 from armgate.gate.clearance.clearance import Clearance
 from armgate.gate.clearance.pair_check import in_pair_order
 from armgate.gate.clearance.pair_groups import Group
 from armgate.gate.clearance.swept import Array, Index, Swept
+
+Points = tuple[Point, Point]
+"""Witness points of a pair, world frame, m."""
 
 _FEW = 4
 _MANY = 64
@@ -36,6 +40,8 @@ class NearestPairs:
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
         self._motion: list[Array | None] = [None] * len(clearance.cell.robots)
         self._still: list[Swept | None] = [None] * len(clearance.cell.robots)
+        self._names = [clearance.names(k) for k in range(len(pairs))]
+        self._limits: list[float] = clearance.limits.tolist()
 
     def find(self, robot: int, measured: Sequence[Joints | None], count: int) -> dict[int, Nearest]:
         """Return the ``count`` nearest pairs, by index, in the order of their margins.
@@ -49,26 +55,30 @@ class NearestPairs:
         """
         for i, q in enumerate(measured):
             self._follow(i, q)
-        ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
+        ids = self._clearance.pairs_of[robot]
         margin = self._margin.take(ids)
-        certificates: dict[int, Certificate] = {}
+        points = self._tighten(robot, margin)
+        self._margin[ids] = margin
+        shown = dict.fromkeys([*self._first(margin, count), *self._lowest(robot, margin)])
+        return {
+            int(ids[k]): self._entry(int(ids[k]), float(margin[k]), points.get(k))
+            for k in shown
+            if isfinite(margin[k])
+        }
+
+    def _tighten(self, robot: int, margin: Array) -> dict[int, Points]:
+        """Measure pairs until the lowest margins are measured ones; return the witness points by place."""
+        limits, points = self._clearance.limits_of[robot], dict[int, Points]()
         for query in range(1, _REFRESHES + 1):
-            stale = [k for k in self._lowest(robot, margin) if k not in certificates]
+            stale = [k for k in self._lowest(robot, margin) if k not in points]
             if not stale:
                 break
             if query % _FEW == 0:  # many bounds are low: one slab for all is cheaper than more queries
                 self._measure(robot, _first(margin, _MANY), margin)
                 continue
-            k = stale[0]
-            certificates[k] = self._refresh(robot, int(ids[k]))
-            margin[k] = certificates[k].lb - limits[k]
-        self._margin[ids] = margin
-        shown = dict.fromkeys([*_first(margin, count).tolist(), *self._lowest(robot, margin)])
-        return {
-            int(ids[k]): self._entry(robot, int(ids[k]), certificates.get(k))
-            for k in shown
-            if isfinite(margin[k])
-        }
+            lb, points[stale[0]] = self._refresh(robot, stale[0])
+            margin[stale[0]] = lb - limits[stale[0]]
+        return points
 
     def exact(self, robot: int, measured: Sequence[Joints], count: int) -> dict[int, Nearest]:
         """Return, by index, the ``count`` nearest pairs and all below their limits, all of them tight."""
@@ -76,19 +86,18 @@ class NearestPairs:
             self._follow(i, q)
         ids, limits = self._clearance.pairs_of[robot], self._clearance.limits_of[robot]
         left, tight = self._margin.take(ids), [np.inf] * count
-        certificates: dict[int, Certificate] = {}
-        while len(certificates) < len(ids):
+        found: dict[int, Nearest] = {}
+        while len(found) < len(ids):
             k = int(left.argmin())
             if left[k] >= max(0.0, tight[count - 1]):
                 break  # the pairs left cannot be nearer than their bounds
-            certificates[k] = self._refresh(robot, int(ids[k]))
-            self._margin[ids[k]] = certificates[k].lb - limits[k]
-            insort(tight, float(self._margin[ids[k]]))
+            lb, points = self._refresh(robot, k)
+            margin = float(lb - limits[k])
+            self._margin[ids[k]] = margin
+            found[int(ids[k])] = self._entry(int(ids[k]), margin, points)
+            insort(tight, margin)
             left[k] = np.inf
-        return {
-            int(ids[k]): self._entry(robot, int(ids[k]), certificate)
-            for k, certificate in certificates.items()
-        }
+        return found
 
     def _follow(self, robot: int, q: Joints | None) -> None:
         """Lower the bounds of a robot's pairs by its motion since the last call.
@@ -101,18 +110,26 @@ class NearestPairs:
         motion, before = self._clearance.space.motion[robot], self._motion[robot]
         if motion is not before:
             last, self._motion[robot] = None, motion
+        self._move(robot, q, last)
+        if last is None:
+            ids = self._clearance.pairs_of[robot]
+            margin = np.full(len(ids), np.inf)
+            self._measure(robot, np.arange(len(ids)), margin)
+            self._margin[ids] = margin
+
+    def _move(self, robot: int, q: Joints, last: Joints | None) -> None:
+        """Place a robot's bodies at ``q``; lower the bounds of its pairs by the motion from ``last``, if any.
+
+        The compiled form is ``kernels.follow``.
+        """
         self._still[robot] = self._clearance.space.still(robot, q)
-        ids = self._clearance.pairs_of[robot]
         if last is not None:
+            ids = self._clearance.pairs_of[robot]
             self._margin[ids] -= self._clearance.growth(robot, np.abs(np.subtract(q, last)))
-            return
-        margin = np.full(len(ids), np.inf)
-        self._measure(robot, np.arange(len(ids)), margin)
-        self._margin[ids] = margin
 
     def _measure(self, robot: int, places: Index, margin: Array) -> None:
         """Raise some of a robot's margins to the bounds by the kept directions at the measured positions."""
-        mine, first = self._still[robot], 0
+        mine, first = self._placed(robot), 0
         for group in self._clearance.groups[robot]:
             here, first = (
                 places[(places >= first) & (places < first + len(group.ids))],
@@ -126,19 +143,27 @@ class NearestPairs:
             kept = np.where(np.isfinite(margin[here]), margin[here], -np.inf)
             margin[here] = np.maximum(kept, lb - group.limit[sel])
 
-    def _refresh(self, robot: int, pair: int) -> Certificate:
-        group, k = self._clearance.find(robot, pair)
-        mine, side = self._still[robot], self._side(group)
+    def _refresh(self, robot: int, place: int) -> tuple[float, Points]:
+        """Query the engine for one of a robot's pairs, and keep the direction.
+
+        Returns:
+            The bound, and the witness points in the order of the pair's bodies.
+        """
+        group, k = self._clearance.find(robot, int(self._clearance.pairs_of[robot][place]))
+        mine, side = self._placed(robot), self._side(group)
         assert mine is not None  # its margin is known, so both positions are known
         assert side is not None
         certificate = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
         self._clearance.keep_n(group, k, certificate.n)
-        return certificate
+        points = in_pair_order(group, k, certificate.points)
+        assert points is not None
+        return certificate.lb, points
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
         """Return the places of the lowest known margins.
 
         The first is that of all pairs; the second is that of pairs with another robot or the surroundings.
+        The compiled form is ``kernels.lowest``.
         """
         lowest = [int(margin.argmin())] if len(margin) else []
         others = self._others[robot]
@@ -146,14 +171,20 @@ class NearestPairs:
             lowest.append(int(others[margin.take(others).argmin()]))
         return [k for k in lowest if isfinite(margin[k])]
 
-    def _side(self, group: Group) -> Swept | None:
-        return self._clearance.space.static if group.other is None else self._still[group.other]
+    def _placed(self, robot: int) -> Swept | None:
+        """Return a robot's bodies at its measured position; None if that is not known."""
+        return self._still[robot]
 
-    def _entry(self, robot: int, pair: int, certificate: Certificate | None) -> Nearest:
-        c = self._clearance
-        limit = float(c.limits[pair])
-        points = None if certificate is None else in_pair_order(*c.find(robot, pair), certificate.points)
-        return Nearest(c.names(pair), float(self._margin[pair] + limit), limit, points)
+    def _side(self, group: Group) -> Swept | None:
+        return self._clearance.space.static if group.other is None else self._placed(group.other)
+
+    def _first(self, margin: Array, count: int) -> list[int]:
+        """Return the places of the ``count`` lowest margins; the compiled form is ``kernels.first``."""
+        return list(map(int, _first(margin, count)))
+
+    def _entry(self, pair: int, margin: float, points: Points | None) -> Nearest:
+        limit = self._limits[pair]
+        return Nearest(self._names[pair], margin + limit, limit, points)
 
 
 def _first(margin: Array, count: int) -> Index:
