@@ -59,7 +59,7 @@ class Run:
             lease = client.request(m.Acquire(robot=robot.name))
             assert isinstance(lease, m.Lease)
             client.send(m.Subscribe())
-            self.clients[robot.name] = client, lease.fence, robot.velocity * robot.period
+            self.clients[robot.name] = client, lease.fence, (robot.velocity * robot.period).tolist()
         self.outcomes: dict[str, int] = {}
 
     def step(self) -> None:
@@ -84,13 +84,12 @@ class Run:
         return times
 
 
-def _increment(number: int, largest: np.ndarray) -> tuple[float, ...]:
+def _increment(number: int, largest: list[float]) -> tuple[float, ...]:
     """Return the increment of one joint, which swings back and forth and ends where it began."""
     turn, phase = divmod(number, 200)
-    dq = np.zeros(len(largest))
-    joint = turn % len(largest)
-    dq[joint] = 0.1 * largest[joint] * math.sin(2.0 * math.pi * phase / 200.0)
-    return tuple(dq.tolist())
+    moved = turn % len(largest)
+    size = 0.1 * largest[moved] * math.sin(2.0 * math.pi * phase / 200.0)
+    return tuple([size if joint == moved else 0.0 for joint in range(len(largest))])
 
 
 class Parts:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from armgate.gate.clearance import Clearance
-from armgate.gate.clearance.nearest_pairs import NearestPairs, _first, start_clearances
+from armgate.gate.clearance.nearest_pairs import NearestPairs, first, start_clearances
 from gate import scenes
 from gate.oracle import Oracle
 
@@ -70,13 +70,13 @@ def test_a_robot_that_stands_still_is_placed_once():
 def test_the_lowest_few_are_in_order_and_equal_values_in_the_order_of_their_places():
     margin = np.array([0.5, 0.1, 0.3, 0.1, np.inf, -0.2])
     for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
-        assert _first(margin, count).tolist() == expected
-    assert _first(np.zeros(0), 3).tolist() == []
+        assert first(margin, count).tolist() == expected
+    assert first(np.zeros(0), 3).tolist() == []
     rng = np.random.default_rng(3)
     for size in (1, 2, 3, 20, 500):
         margin = rng.permutation(size).astype(float)
         for count in (*range(1, min(size, 30)), size, size + 1):
-            assert margin[_first(margin, count)].tolist() == list(range(min(count, size)))
+            assert margin[first(margin, count)].tolist() == list(range(min(count, size)))
 
 
 def test_found_directions_are_kept_for_later_checks():

@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -144,7 +143,7 @@ def test_no_tick_compiles_anything():
     """Arguments of another type would start the compiler: they are an error instead."""
     clearance = Clearance(CELLS["demo"], True)
     new = clearance.space.still(0, tuple(map(float, CELLS["demo"].robots[0].start)))
-    new = replace(new, tube=new.tube.astype(np.float32))
+    new = clearance.space.sweep_nodes(0, new.nodes, new.tube.astype(np.float32))
     with pytest.raises(TypeError, match="No matching definition"):
         clearance.prefilter.run(0, new, None, clearance.limits_of[0], (clearance.bound.of(0), clearance._n))
 

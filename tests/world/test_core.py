@@ -428,13 +428,13 @@ def test_the_state_holds_holder_stops_verdict_and_signals(bench):
 
 def test_a_wrong_distance_engine_is_reported_in_the_state(config, monkeypatch):
     """The engine overstates every distance: the state has a warning, and the proven bounds are unaffected."""
-    honest = CoalEngine.suggest
+    honest = CoalEngine.query
 
     def overstated(self, *asked):
-        said = honest(self, *asked)
-        return replace(said, distance=said.distance + 1.0)
+        distance, *rest = honest(self, *asked)
+        return distance + 1.0, *rest
 
-    monkeypatch.setattr(CoalEngine, "suggest", overstated)
+    monkeypatch.setattr(CoalEngine, "query", overstated)
     bench = Bench(config).start()
     eye = bench.client("eye", "observer")
     bench.tick()

@@ -51,6 +51,10 @@ class Plan:
     seq: int
     increments: tuple[Joints, ...]
 
+    def __hash__(self) -> int:
+        """Return the hash of the key, which differs for each plan of a robot."""
+        return hash(self.key)
+
 
 @dataclass(frozen=True, slots=True)
 class PlanAnswer:

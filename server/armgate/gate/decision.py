@@ -9,8 +9,7 @@ share one budget.
 """
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal, assert_never
+from typing import Literal, NamedTuple, assert_never
 
 import numpy as np
 
@@ -40,8 +39,7 @@ _GRID = 2.0**-20
 """Step of β by clearance: far above rounding, far below the resolution of a robot."""
 
 
-@dataclass(frozen=True, slots=True)
-class Decision:
+class Decision(NamedTuple):
     """Increments to play, β, and reasons; occupancy and bounds that were proven, None if u_b is kept."""
 
     increments: tuple[Joints, ...]
@@ -96,7 +94,7 @@ class DecisionMaker:
             if isinstance(tried, Decision):
                 if binding is None:
                     return tried
-                return replace(tried, reasons=(*tried.reasons, self._reason(binding, state)))
+                return tried._replace(reasons=(*tried.reasons, self._reason(binding, state)))
             binding = tried
             if binding is _OUTSIDE_LIMITS:
                 break  # if a motion does not lead back inside, a smaller one does not either
@@ -152,10 +150,11 @@ class DecisionMaker:
         held = state.reserved
         if len(held) != 1:
             return None
-        step = np.abs(np.subtract(new.end, held[0].occupied.end))
+        step = [abs(a - b) for a, b in zip(new.end, held[0].occupied.end, strict=True)]
         if new.lag_tube:
-            step += np.maximum(np.subtract(new.lag_tube, held[0].occupied.lag_tube), 0.0)
-        return np.asarray(step)
+            growth = zip(step, new.lag_tube, held[0].occupied.lag_tube, strict=True)
+            step = [a + max(b - c, 0.0) for a, b, c in growth]
+        return np.array(step)
 
     def _braking(self, state: RobotState) -> tuple[Joints, ...]:
         return state.remaining or (state.zeros,)

@@ -7,6 +7,7 @@ hold. So robots may run on independent clocks, commands are decided one at a tim
 to rest safely, even if clients and links are lost.
 """
 
+from operator import add
 from typing import assert_never
 
 from armgate.cell.cell import Cell
@@ -67,6 +68,7 @@ class Gate:
         self._nearest = nearest_pairs_of(self._clearance)
         self._decisions = DecisionMaker(self._clearance, cell.config.response)
         self._robots = [RobotState.of(r, i) for i, r in enumerate(cell.robots)]
+        self._index = {r.name: i for i, r in enumerate(cell.robots)}
         self._reservations = Reservations(self._clearance)
         self._stops = Stops()
 
@@ -196,11 +198,11 @@ class Gate:
 
     def _verdict(self, s: RobotState, command: Command, decision: Decision, target: int | None) -> Verdict:
         dq = decision.increments[0] if decision.increments else s.zeros
-        setpoint = tuple(q + u for q, u in zip(s.setpoint or s.zeros, dq, strict=True))
+        setpoint = tuple(map(add, s.setpoint or s.zeros, dq))
         outcome = Outcome.REFUSED if target is None else _outcome(command.dq, decision)
         given = () if outcome is Outcome.ADMITTED else decision.reasons
         # Counted under the last check that limited it.
-        key = f"{outcome.value}:{given[-1].cause.value}" if given else outcome.value
+        key = f"{outcome}:{given[-1].cause}" if given else str(outcome)
         s.counts[key] = s.counts.get(key, 0) + 1
         s.verdict = Verdict(
             robot=s.name,
@@ -312,7 +314,8 @@ class Gate:
         return [r for r in self._robots if r.index in met and r is not s]
 
     def _of(self, robot: str) -> RobotState:
-        return self._robots[self._cell.robot_index(robot)]
+        index = self._index.get(robot)
+        return self._robots[self._cell.robot_index(robot) if index is None else index]
 
 
 def _outcome(dq: Joints, decision: Decision) -> Outcome:

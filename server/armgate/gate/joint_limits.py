@@ -7,7 +7,7 @@ u_b itself is always possible: its stop is the remainder of a stop that was prov
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from armgate.events import Cause, Joints, Reason
 from armgate.gate import verdict_wording
@@ -23,8 +23,7 @@ _Box = Callable[[int], tuple[float, float]]
 """Function that returns the lowest and the highest increment of a joint."""
 
 
-@dataclass(frozen=True, slots=True)
-class LimitedIncrement:
+class LimitedIncrement(NamedTuple):
     """Increment that the joint limits leave, its blend β, and the reasons why it is less than requested."""
 
     u: Joints

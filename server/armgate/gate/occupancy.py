@@ -13,10 +13,9 @@ differ most at the corner. A hull of points that each lie within e of the triang
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import pairwise, repeat
 from operator import add, sub
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from armgate.events import Joints
 from armgate.gate.tracking_lag import larger
@@ -27,8 +26,7 @@ if TYPE_CHECKING:
 _ROUNDING = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class Occupancy:
+class Occupancy(NamedTuple):
     """A polyline of joint positions and the tube around it, rad or m per joint.
 
     Attributes:
@@ -78,7 +76,7 @@ def occupancy(
     for past in history:
         near = _nearest(past, measured, setpoint)
         lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
-    tube = tuple(a + b + tolerance for a, b in zip(cut, lag, strict=True))
+    tube = tuple([a + b + tolerance for a, b in zip(cut, lag, strict=True)])
     if lag_tube[0]:
         tube = tuple(map(add, tube, lag_tube[0]))
     return Occupancy(_without_repeats((measured, setpoint, end)), tube, *lag_tube)
@@ -134,11 +132,13 @@ def settle_measured(
             alike.
     """
     off = tuple([tolerance + e for e in lag_tube]) if lag_tube else (tolerance,) * len(q)
-    at_ticks = [_at_tick(one) for one in held]
-    inner = [replace(one, tube=tuple(map(sub, one.tube, off))) for one in at_ticks]
-    if any(_stretches(q, one, 0.0) for one in inner):
+    tubes = [_at_tick(one) for one in held]
+    inner = [tuple(map(sub, tube, off)) for tube in tubes]
+    if any(map(_fits, repeat(q), held, inner)):
         return q
-    found = [(_stretches(q, one, tolerance), own.tube) for one, own in zip(at_ticks, inner, strict=True)]
+    found = [
+        (_stretches(q, one, tube, tolerance), own) for one, tube, own in zip(held, tubes, inner, strict=True)
+    ]
     near = [(p, tube) for stretches, tube in found for stretch in stretches for p in stretch]
     if not near:
         return None
@@ -151,9 +151,9 @@ def settle_measured(
     return tuple([min(max(p, min(x - e, hi)), max(x + e, lo)) for x, p, lo, hi, e in rows])
 
 
-def _at_tick(one: Occupancy) -> Occupancy:
-    """Return the cover without the part that counts between the ticks only."""
-    return replace(one, tube=tuple(map(sub, one.tube, one.between))) if one.between else one
+def _at_tick(one: Occupancy) -> Joints:
+    """Return the tube without the part that counts between the ticks only."""
+    return tuple(map(sub, one.tube, one.between)) if one.between else one.tube
 
 
 def deviation(q: Joints, one: Occupancy) -> float:
@@ -163,7 +163,7 @@ def deviation(q: Joints, one: Occupancy) -> float:
 
 
 def _without_repeats(nodes: tuple[Joints, ...]) -> tuple[Joints, ...]:
-    return nodes[:1] + tuple(b for a, b in pairwise(nodes) if a != b)
+    return nodes[:1] + tuple([b for a, b in pairwise(nodes) if a != b])
 
 
 def _corner_cut(a: Joints, b: Joints, c: Joints) -> list[float]:
@@ -184,9 +184,19 @@ def _nearest(q: Joints, a: Joints, b: Joints) -> Joints:
     return tuple(p + share * d for p, d in zip(a, along, strict=True))
 
 
-def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Joints]]:
-    """Return the stretches of the polyline within tube and ``extra`` of ``q``, each by its two ends."""
-    width = tuple(e + extra + _ROUNDING for e in one.tube)
+def _fits(q: Joints, one: Occupancy, tube: Joints) -> bool:
+    """Return True if ``q`` is within ``tube`` of the polyline."""
+    width = [e + _ROUNDING for e in tube]
+    for a, b in one.segments:
+        low, high = _shares(q, a, b, width)
+        if low <= high:
+            return True
+    return False
+
+
+def _stretches(q: Joints, one: Occupancy, tube: Joints, extra: float) -> list[tuple[Joints, Joints]]:
+    """Return the stretches of the polyline within ``tube`` and ``extra`` of ``q``, each by its two ends."""
+    width = [e + extra + _ROUNDING for e in tube]
     found = []
     for a, b in one.segments:
         low, high = _shares(q, a, b, width)
@@ -195,18 +205,24 @@ def _stretches(q: Joints, one: Occupancy, extra: float) -> list[tuple[Joints, Jo
     return found
 
 
-def _shares(q: Joints, a: Joints, b: Joints, width: Joints) -> tuple[float, float]:
-    """Return the shares of the way from a to b between which every joint of ``q`` is within its width."""
+def _shares(q: Joints, a: Joints, b: Joints, width: Sequence[float]) -> tuple[float, float]:
+    """Return the shares of the way from a to b between which every joint of ``q`` is within its width.
+
+    Comparisons instead of ``min`` and ``max``: this runs for every joint at every tick.
+    """
     low, high = 0.0, 1.0
     for x, p, r, w in zip(q, a, b, width, strict=True):
         d = r - p
         if abs(d) >= _ROUNDING:
             s, t = (x - p - w) / d, (x - p + w) / d
-            low, high = max(low, min(s, t)), min(high, max(s, t))
+            if t < s:
+                s, t = t, s
+            low = s if s > low else low
+            high = t if t < high else high
         elif abs(x - p) > w + abs(d):
             return 1.0, 0.0
     return low, high
 
 
 def _between(a: Joints, b: Joints, share: float) -> Joints:
-    return tuple(p + share * (r - p) for p, r in zip(a, b, strict=True))
+    return tuple([p + share * (r - p) for p, r in zip(a, b, strict=True)])

@@ -10,7 +10,7 @@ robot is commanded to move and can move, commands for the second are refused, an
 loses its turn when it is no longer commanded to move, or if no way out is found for it.
 """
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,8 +31,7 @@ _WIDER = 1e-7
 _PROOF_BUDGET = 32
 
 
-@dataclass(frozen=True, slots=True)
-class Requirements:
+class Requirements(NamedTuple):
     """Distances that a robot's pairs must keep.
 
     Attributes:

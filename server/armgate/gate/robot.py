@@ -4,6 +4,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from operator import add, sub
+from typing import NamedTuple
 
 from armgate.cell.cell import Robot
 from armgate.events import Joints, LinkState, Nearest, Plan, Tick, Verdict
@@ -24,16 +25,14 @@ JOINT_SLACK = 1e-4
 """Largest distance that a joint that starts outside its limits may move away from them in total, rad or m."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reserved:
+class Reserved(NamedTuple):
     """An occupancy in joint space, and the space that the robot's bodies sweep over it."""
 
     occupied: Occupancy
     swept: Swept
 
 
-@dataclass(frozen=True, slots=True)
-class RobotView:
+class RobotView(NamedTuple):
     """Contents of a state message about one robot; positions are empty until its first tick."""
 
     tick: int
@@ -91,6 +90,7 @@ class RobotState:
         verdict: The last verdict.
         nearest: The nearest pairs; ``least`` is the least distance to another robot or the surroundings, m.
         counts: Number of verdicts by outcome and cause.
+        zeros: Increment of a robot that does not move.
     """
 
     robot: Robot
@@ -130,6 +130,10 @@ class RobotState:
     nearest: tuple[Nearest, ...] = ()
     least: float | None = None
     counts: dict[str, int] = field(default_factory=dict)
+    zeros: Joints = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.zeros = (0.0,) * self.robot.model.n
 
     @classmethod
     def of(cls, robot: Robot, index: int) -> "RobotState":
@@ -166,11 +170,6 @@ class RobotState:
     # --- the held plan -------------------------------------------------------------------------------------
 
     @property
-    def zeros(self) -> Joints:
-        """Increment of a robot that does not move."""
-        return (0.0,) * self.robot.model.n
-
-    @property
     def remaining(self) -> tuple[Joints, ...]:
         """Increments of the held plan that are still to be played."""
         return self.held.increments[self.played + 1 :] if self.held else ()
@@ -189,7 +188,9 @@ class RobotState:
     @property
     def reserved(self) -> tuple[Reserved, ...]:
         """Everything that is reserved for the robot."""
-        return tuple(r for r in (self.main, self.next) if r is not None)
+        if self.next is None:
+            return () if self.main is None else (self.main,)
+        return (self.next,) if self.main is None else (self.main, self.next)
 
     # --- rest ----------------------------------------------------------------------------------------------
 
@@ -285,13 +286,13 @@ class RobotState:
 
     def _lowered_outside(self) -> tuple[Joints, Joints]:
         """Return the distance by which each joint may be beyond its limits: that of its setpoint, or less."""
-        low = tuple(max(x - q, 0.0) for x, q in zip(self.bounds.lower, self.setpoint, strict=True))
-        high = tuple(max(q - x, 0.0) for x, q in zip(self.bounds.upper, self.setpoint, strict=True))
+        if _inside(self.setpoint, self.bounds):
+            return self.zeros, self.zeros
+        low = tuple([max(x - q, 0.0) for x, q in zip(self.bounds.lower, self.setpoint, strict=True)])
+        high = tuple([max(q - x, 0.0) for x, q in zip(self.bounds.upper, self.setpoint, strict=True)])
         if not self.outside[0]:
             return low, high
-        best_low = tuple(min(a, b) for a, b in zip(self.outside[0], low, strict=True))
-        best_high = tuple(min(a, b) for a, b in zip(self.outside[1], high, strict=True))
-        return best_low, best_high
+        return tuple(map(min, self.outside[0], low)), tuple(map(min, self.outside[1], high))
 
     # --- resets --------------------------------------------------------------------------------------------
 
@@ -335,8 +336,16 @@ class RobotState:
 
 
 def same(a: Joints, b: Joints) -> bool:
-    """Return True if two positions are equal up to rounding errors; False if their lengths differ."""
-    return len(a) == len(b) and all(abs(x - y) <= _SAME for x, y in zip(a, b, strict=True))
+    """Return True if two finite positions are equal up to rounding errors; False if their lengths differ."""
+    return a == b or (len(a) == len(b) and within(a, b, _SAME))
+
+
+def _inside(q: Joints, bounds: StepBounds) -> bool:
+    """Return True if every joint is inside its limits."""
+    for x, lower, upper in zip(q, bounds.lower, bounds.upper, strict=True):  # noqa: SIM110 (faster than all)
+        if not lower <= x <= upper:
+            return False
+    return True
 
 
 def _between(a: Joints, b: Joints) -> Joints:

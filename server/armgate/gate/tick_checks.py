@@ -6,12 +6,14 @@ the plan: `settle_measured` compares it with the occupancy.
 
 import math
 from itertools import chain
+from operator import add
 
 from armgate.cell.urdf import MAX_NUMBER
-from armgate.events import Joints, LinkState, Tick
+from armgate.events import LinkState, Tick
 from armgate.gate.joint_limits import ROUNDING
 from armgate.gate.occupancy import settle_measured
 from armgate.gate.robot import RobotState, same
+from armgate.gate.standstill import within
 
 
 def unusable(s: RobotState, event: Tick) -> str | None:
@@ -39,7 +41,7 @@ def contradiction(s: RobotState, event: Tick) -> str | None:
             return f"{s.name}'s link ends its plan before the robot is at rest"
     elif s.held is None or event.plan != s.held.key or event.index != s.played + 1 or not s.remaining:
         return f"{s.name}'s link plays a plan that the gate did not send"
-    if not _close(event.increment, s.brake):
+    if not within(event.increment, s.brake, ROUNDING):
         return f"{s.name}'s link plays an increment that its plan does not have"
     return _wrong_sum(s, event)
 
@@ -54,7 +56,7 @@ def _plays(event: Tick) -> bool:
 
 
 def _wrong_sum(s: RobotState, event: Tick) -> str | None:
-    if same(tuple(a + b for a, b in zip(s.setpoint, event.increment, strict=True)), event.setpoint):
+    if same(tuple(map(add, s.setpoint, event.increment)), event.setpoint):
         return None
     return f"{s.name}'s link reports a setpoint that its increments do not add up to"
 
@@ -73,7 +75,3 @@ def _wrong_rebase(s: RobotState, event: Tick) -> str | None:
     if settle_measured(event.setpoint, occupied, s.robot.q_tolerance) is None:
         return f"{s.name}'s link holds its robot at a position that the gate never commanded"
     return None
-
-
-def _close(a: Joints, b: Joints) -> bool:
-    return all(abs(x - y) <= ROUNDING for x, y in zip(a, b, strict=True))

@@ -28,9 +28,12 @@ class LeaseTime:
     read: float
 
 
+_NO_EXPIRY = LeaseTime(0.0, 0.0)
+
+
 def no_expiry() -> LeaseTime:
     """Return the time of leases in lock-step: none expires, because the barrier drops silent participants."""
-    return LeaseTime(0.0, 0.0)
+    return _NO_EXPIRY
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +83,8 @@ class Leasing:
 
     def is_holder(self, session: str, robot: str) -> bool:
         """Return True if the session holds the robot; call `expire` first."""
-        return robot in self.held_by(session)
+        grant = self._leases.holder(robot)
+        return grant is not None and grant.session == session
 
     def renew(self, peer: Peer, time: LeaseTime) -> None:
         """Renew the leases of a session whose client sent a message."""

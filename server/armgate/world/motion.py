@@ -1,6 +1,7 @@
 """Motion of robots: last tick of each robot, and detection that all robots are at rest."""
 
 from collections.abc import Mapping, Sequence
+from operator import sub
 
 from armgate.cell.cell import Cell
 from armgate.events import Tick
@@ -32,8 +33,8 @@ class Motion:
         """Process a tick."""
         before = self._ticks.get(tick.robot, tick)
         # The increment just played is measured only at the next tick. Until then it counts as motion.
-        moved = (abs(a - b) for a, b in zip(tick.q, before.q, strict=True))
-        self._moved[tick.robot] = max(*moved, *map(abs, tick.increment))
+        moved = map(sub, tick.q, before.q)
+        self._moved[tick.robot] = max(map(abs, (*moved, *tick.increment)))
         self._ticks[tick.robot] = tick
 
     @property

@@ -38,6 +38,10 @@ class RunRecorders:
     def __init__(self, recorders: Sequence[RunRecorder] = ()) -> None:
         self._recorders = tuple(recorders)
 
+    def __bool__(self) -> bool:
+        """Return True if there is a recorder."""
+        return bool(self._recorders)
+
     def begin(self, cell: Cell, start: str, now: Callable[[], float], compiled: bool | None) -> None:
         """Begin all recordings."""
         for recorder in self._recorders:

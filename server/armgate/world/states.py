@@ -7,11 +7,12 @@ client has not come when the next state of a robot is due, the newer state repla
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
+from armgate.protocol.unvalidated import unvalidated
 from armgate.world import to_protocol
 from armgate.world.interfaces import Encoded, Peer
 
@@ -24,8 +25,7 @@ Defer = Callable[[Peer, Callable[[], None]], None]
 """Function that calls a function in the turn of a client."""
 
 
-@dataclass(frozen=True, slots=True)
-class Snapshot:
+class Snapshot(NamedTuple):
     """Ticks at one moment, and the content of the states at these ticks.
 
     Attributes:
@@ -181,7 +181,8 @@ class States:
 def _state(snapshot: Snapshot, tick: Tick) -> m.State:
     # The parts are valid already: validating them again would cost more than the rest of this function.
     fields: dict[str, Any] = {} if snapshot.step is None else {"step": snapshot.step}
-    return m.State.model_construct(
+    return unvalidated(
+        m.State,
         robot=tick.robot,
         tick=tick.tick,
         time=tick.time,
@@ -200,7 +201,7 @@ def _newer(waiting: dict[str, LatestState], newer: dict[str, LatestState]) -> di
 def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
     wanted = ("robot", "tick", "time", *fields)
     entries = tuple(
-        m.Entry.model_construct(**{name: getattr(entry, name) for name in wanted}) for entry in state.entries
+        unvalidated(m.Entry, **{name: getattr(entry, name) for name in wanted}) for entry in state.entries
     )
     return state.model_copy(update={"entries": entries})
 

@@ -12,6 +12,7 @@ from typing import TypeVar
 from armgate import events
 from armgate.gate import RobotView
 from armgate.protocol import messages as m
+from armgate.protocol.unvalidated import unvalidated
 
 A = TypeVar("A", bound=m.Answer)
 
@@ -28,12 +29,13 @@ def answer(model: type[A], request: m.Request | None, **fields: object) -> A:
 
 def verdict(given: events.Verdict) -> m.Verdict:
     """Return a verdict as its sender receives it."""
-    return m.Verdict(
+    return unvalidated(
+        m.Verdict,
         robot=given.robot,
         seq=given.seq,
         tick=given.based_on,
         target=given.target,
-        outcome=given.outcome.value,
+        outcome=str(given.outcome),
         beta=given.beta,
         dq=given.dq,
         setpoint=given.setpoint,
@@ -43,7 +45,8 @@ def verdict(given: events.Verdict) -> m.Verdict:
 
 def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
     """Return the entry of one robot in a state."""
-    return m.Entry(
+    return unvalidated(
+        m.Entry,
         robot=robot,
         tick=view.tick,
         time=view.time,
@@ -51,11 +54,11 @@ def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
         setpoint=view.setpoint,
         applied_seq=view.applied_seq,
         stop_end=view.stop_end,
-        nearest=tuple(_nearest(nearest) for nearest in view.nearest[: m.MAX_NEAREST]),
+        nearest=tuple([_nearest(nearest) for nearest in view.nearest[: m.MAX_NEAREST]]),
         least_clearance=_finite(view.least_clearance),
         holder=holder,
         stops=stops(view.stops),
-        link=view.link.value,
+        link=str(view.link),
         verdict=None if view.verdict is None else _last(view.verdict),
         counts=dict(view.counts),
         late_commands=view.late,
@@ -74,7 +77,7 @@ def reasons(given: Sequence[events.Reason]) -> tuple[m.Reason, ...]:
     The text of the last reason gives the number of reasons left out.
     """
     if len(given) <= m.MAX_REASONS:
-        return tuple(_reason(reason) for reason in given)
+        return tuple([_reason(reason) for reason in given])
     firsts = {reason.cause: index for index, reason in reversed(tuple(enumerate(given)))}
     chosen = {*firsts.values(), len(given) - 1}
     others = (index for index in range(len(given)) if index not in chosen)
@@ -100,10 +103,14 @@ def warnings(given: Iterable[str]) -> tuple[str, ...]:
 
 def _last(given: events.Verdict) -> m.LastVerdict:
     if not given.reasons:
-        return m.LastVerdict(seq=given.seq, outcome=given.outcome.value)
+        return unvalidated(m.LastVerdict, seq=given.seq, outcome=str(given.outcome))
     first = given.reasons[0]
-    return m.LastVerdict(
-        seq=given.seq, outcome=given.outcome.value, cause=first.cause.value, text=text(first.text)
+    return unvalidated(
+        m.LastVerdict,
+        seq=given.seq,
+        outcome=str(given.outcome),
+        cause=str(first.cause),
+        text=text(first.text),
     )
 
 
@@ -120,7 +127,13 @@ def _reason(reason: events.Reason) -> m.Reason:
 
 
 def _nearest(nearest: events.Nearest) -> m.Nearest:
-    return m.Nearest(pair=nearest.pair, distance=nearest.distance, limit=nearest.limit, points=nearest.points)
+    return unvalidated(
+        m.Nearest,
+        pair=nearest.pair,
+        distance=nearest.distance,
+        limit=nearest.limit,
+        points=nearest.points,
+    )
 
 
 def _finite(value: float | None) -> float | None:

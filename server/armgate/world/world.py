@@ -209,13 +209,13 @@ class World:
         links = {link.robot: link for link in self._links}
         core = Core(
             self.cell,
-            GateRunner(gate, links, self._recorders.tap),
+            GateRunner(gate, links, self._recorders.tap if self._recorders else None),
             self._links,
             self._lockstep.now,
             NoLog(),
             lockstep=True,
             lease_time=no_expiry,
-            observers=[self._recorders.show],
+            observers=[self._recorders.show] if self._recorders else (),
         )
         self._lockstep.attach(core)
         return core

@@ -39,7 +39,7 @@ class EmulatedRobot:
     def step(self, setpoint: Joints) -> Joints:
         """Advance by one period with the setpoint held; return the position at its end."""
         moves = zip(self._q, setpoint, self._gains, strict=True)
-        self._q = tuple(s if gain == 1.0 else q + gain * (s - q) for q, s, gain in moves)
+        self._q = tuple([s if gain == 1.0 else q + gain * (s - q) for q, s, gain in moves])
         return self._q
 
 

@@ -298,9 +298,10 @@ class Clearance:
         """Keep a better direction for a group's k-th pair."""
         self._n[group.ids[k]] = n * group.sign[k]
 
-    def keep_direction(self, pair: int, n: Array) -> None:
-        """Keep a better direction for a pair, first body to second."""
-        self._n[pair] = n
+    @property
+    def directions(self) -> Array:
+        """The kept directions of all pairs, first body to second, (…, 3), for replacement in place."""
+        return self._n
 
 
 def _places(groups: Sequence[Group]) -> dict[int, tuple[Group, int]]:

@@ -81,6 +81,13 @@ class CompiledPrefilter(Prefilter):
         self._held[robot] = swept
         self._nodes[3][robot] = _STALE
 
+    def _lowered(self, robot: int, step: Array | None, need: Array, bound: Array) -> tuple[Array, Index]:
+        if step is None:
+            return super()._lowered(robot, step, need, bound)
+        lb, left = np.empty(len(bound)), np.empty(len(bound), np.intp)
+        count = kernels().lower(self.own[robot][1], step, need, bound, lb, left)
+        return lb, left[:count]
+
     def _slabs(self, robot: int, new: Swept, left: Index, n: Array) -> Array:
         lb, moves, asked = np.empty(len(left)), (robot, new.nodes, new.tube), (left, n)
         own, slabs = self.own[robot], kernels().slabs
@@ -142,10 +149,11 @@ def prepare() -> None:
     k.slabs(cell, held, own, (0, two, one), (np.zeros(1, np.intp), np.zeros((1, 3))), one)
     places, point = np.zeros(1, np.intp), np.zeros(3)
     k.follow(cell, 0, (one, one), (places, two), one, (R[0], t[0]))
-    k.lowest(one, places)
-    k.first(one, places)
-    k.certify(cell, (R[0], t[0]), (0, 0, False), (0.0, point, point, point), one, point)
-    for compiled in (k.place, k.hold, k.slabs, k.follow, k.lowest, k.first, k.certify):
+    k.lower(two, one, one, one, one, places)
+    k.stale(one, places, np.zeros(1, np.bool_))
+    k.shown(one, places, 0, places)
+    k.certify(cell, (R[0], t[0], one), (0, 0, False, False), (0.0, point, point, point), 0.0, point)
+    for compiled in (k.place, k.hold, k.slabs, k.lower, k.follow, k.stale, k.shown, k.certify):
         compiled.disable_compile()
 
 

@@ -4,6 +4,8 @@ Kernels lower the margins, find the lowest ones, and prove the bound of a pair b
 suggests. Everything else, such as overlapping bodies and the second engine, is done by the readable form.
 """
 
+from typing import Any
+
 import numpy as np
 
 from armgate.events import Joints
@@ -11,7 +13,7 @@ from armgate.gate.clearance.certificate import GAP, point
 from armgate.gate.clearance.clearance import Clearance
 from armgate.gate.clearance.compiled import CompiledPrefilter, kernels
 from armgate.gate.clearance.engines import radii_of
-from armgate.gate.clearance.nearest_pairs import NearestPairs, Points
+from armgate.gate.clearance.nearest_pairs import FEW, MANY, REFRESHES, NearestPairs, Points, first
 from armgate.gate.clearance.prefilter import RobotPairs
 from armgate.gate.clearance.swept import Array, Swept
 
@@ -35,7 +37,7 @@ class CompiledNearestPairs(NearestPairs):
         # Placements of all bodies of the cell at the measured positions.
         self._poses = static.R[0].copy(), static.t[0].copy()
         self._q = [np.zeros(robot.model.n) for robot in cell.robots]
-        self._direction = np.zeros(3)
+        self._views = list(zip(*self._poses, strict=True))
 
     def _move(self, robot: int, q: Joints, last: Joints | None) -> None:
         now = np.array(q)
@@ -49,32 +51,49 @@ class CompiledNearestPairs(NearestPairs):
         q, space = self._q[robot], self._clearance.space
         return space.sweep_nodes(robot, q[None, :], np.zeros(len(q)))
 
+    def _tighten(self, robot: int, margin: Array) -> dict[int, Points]:
+        limits, others, stale = self._clearance.limits_of[robot], self._others[robot], kernels().stale
+        points, tight = dict[int, Points](), np.zeros(len(margin), np.bool_)
+        for query in range(1, REFRESHES + 1):
+            place = stale(margin, others, tight)
+            if place < 0:
+                break
+            if query % FEW == 0:
+                self._measure(robot, first(margin, MANY), margin)
+                continue
+            lb, points[place] = self._refresh(robot, place)
+            margin[place], tight[place] = lb - limits[place], True
+        return points
+
     def _refresh(self, robot: int, place: int) -> tuple[float, Points]:
-        a, b, chained, swapped = self._pairs[robot][place]
-        (R, t), certifier = self._poses, self._clearance.certifier
-        found = certifier.first.query(a, (R[a], t[a]), b, (R[b], t[b]))
-        lb, distance = kernels().certify(
-            self._prefilter.cell, self._poses, (a, b, chained), found, self._radii, self._direction
+        pair, bodies = self._pairs[robot][place]
+        a, b, _, reversed_ = bodies
+        certifier, views = self._clearance.certifier, self._views
+        found = certifier.first.query(a, views[a], b, views[b])
+        direction = self._clearance.directions[pair]
+        lb, accepted = kernels().certify(
+            self._prefilter.cell, (*self._poses, self._radii), bodies, found, GAP, direction
         )
-        if not (lb >= 0.0 and abs(distance - lb) <= GAP):
+        if not accepted:
             return super()._refresh(robot, place)
         certifier.queries += 1
-        pair = int(self._clearance.pairs_of[robot][place])
-        self._clearance.keep_direction(pair, -self._direction if swapped else self._direction)
-        mine, theirs = (point(x) for x in found[1:3])
-        return lb, (theirs, mine) if swapped else (mine, theirs)
+        p, q = point(found[1]), point(found[2])
+        return lb, (q, p) if reversed_ else (p, q)
 
-    def _lowest(self, robot: int, margin: Array) -> list[int]:
-        return [k for k in kernels().lowest(margin, self._others[robot]) if k >= 0]
+    def _shown(self, robot: int, margin: Array, count: int) -> list[int]:
+        places = np.empty(count + 2, np.intp)
+        found = kernels().shown(margin, self._others[robot], count, places)
+        return list(map(int, places[:found].tolist()))
 
-    def _first(self, margin: Array, count: int) -> list[int]:
-        places = np.empty(count, np.intp)
-        found: int = kernels().first(margin, places)
-        return list(map(int, places[:found]))
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore a copy: a pickled view would no longer share its memory."""
+        self.__dict__.update(state)
+        self._views = list(zip(*self._poses, strict=True))
 
 
-def _bodies(own: RobotPairs) -> list[tuple[int, int, bool, bool]]:
-    """Return for each pair its bodies, True if they are of one chain, and True if their order is reversed."""
+def _bodies(own: RobotPairs) -> list[tuple[int, tuple[int, int, bool, bool]]]:
+    """Return each pair: its index, its bodies, True for one chain, and True if the bodies are reversed."""
     chained, reversed_ = np.arange(len(own.ids)) < own.chained, own.sign < 0
     columns = (own.mine, own.theirs, chained, reversed_)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+    bodies = zip(*(column.tolist() for column in columns), strict=True)
+    return list(zip(own.ids.tolist(), bodies, strict=True))

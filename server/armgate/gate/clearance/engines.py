@@ -69,6 +69,7 @@ class CoalEngine:
         self._request.gjk_tolerance = _TOLERANCE
         self._request.epa_tolerance = _TOLERANCE
         self._result = coal.DistanceResult()
+        self._places = coal.Transform3s(), coal.Transform3s()
 
     def __reduce__(self) -> tuple[type["CoalEngine"], tuple[tuple[Shape, ...]]]:
         """Return the constructor and its argument: the engine's objects are made anew in a copy."""
@@ -77,18 +78,25 @@ class CoalEngine:
     def suggest(self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]) -> Suggestion:
         """Query coal; its normal is used if the bodies touch, because the points then give no direction."""
         d, p, q, normal = self.query(a, pose_a, b, pose_b)
+        p, q = p.copy(), q.copy()
         found = Suggestion(d, _direction(p, q, d, normal), (p, q))
         return _thickened(found, self._radii[a], self._radii[b])
 
     def query(
         self, a: int, pose_a: tuple[Array, Array], b: int, pose_b: tuple[Array, Array]
     ) -> tuple[float, Array, Array, Array]:
-        """Return coal's distance, witness points and normal for the bodies without their radii."""
-        result = self._result
+        """Return coal's distance, witness points and normal for the bodies without their radii.
+
+        The arrays are valid until the next query.
+        """
+        result, (place_a, place_b) = self._result, self._places
         result.clear()
-        place_a, place_b = coal.Transform3s(*pose_a), coal.Transform3s(*pose_b)
+        place_a.setRotation(pose_a[0])
+        place_a.setTranslation(pose_a[1])
+        place_b.setRotation(pose_b[0])
+        place_b.setTranslation(pose_b[1])
         d = coal.distance(self._shapes[a], place_a, self._shapes[b], place_b, self._request, result)
-        return float(d), result.getNearestPoint1().copy(), result.getNearestPoint2().copy(), result.normal
+        return d, result.getNearestPoint1(), result.getNearestPoint2(), result.normal
 
 
 class FclEngine:

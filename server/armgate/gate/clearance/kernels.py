@@ -295,7 +295,22 @@ def follow(cell, robot, moved, pairs, margin, poses):
 
 
 @kernel
-def _first_place(margin, places):
+def lower(growth, step, need, bound, lb, left):
+    """`Prefilter._lowered`: fill ``lb`` (P,) and the first places of ``left`` (P,); return their number."""
+    count = 0
+    for k in range(len(lb)):
+        loss = 0.0
+        for j in range(len(step)):
+            loss += growth[k, j] * step[j]
+        lb[k] = bound[k] - loss
+        if not lb[k] >= need[k]:
+            left[count] = k
+            count += 1
+    return count
+
+
+@kernel
+def _lowest(margin, places):
     """`np.argmin` among ``places``: the first NaN, else the first lowest value; −1 if it is not finite."""
     best = -1
     for k in places:
@@ -305,24 +320,42 @@ def _first_place(margin, places):
 
 
 @kernel
-def lowest(margin, others):
-    """`NearestPairs._lowest`: the places of the lowest margins, of all and of ``others``; −1 for none."""
-    return _first_place(margin, range(len(margin))), _first_place(margin, others)
+def stale(margin, others, tight):
+    """Return the first of `NearestPairs._lowest` that is not marked in ``tight``, (P,); −1 if all are."""
+    k = _lowest(margin, range(len(margin)))
+    if k >= 0 and not tight[k]:
+        return k
+    k = _lowest(margin, others)
+    return k if k >= 0 and not tight[k] else -1
 
 
 @kernel
-def first(margin, out):
-    """`nearest_pairs._first`: write the places of the lowest margins to ``out``; return their number."""
+def _first(margin, out):
+    """`nearest_pairs._first`, of finite margins: write the places to ``out``; return their number."""
     found = 0
     for k in range(len(margin)):
         at = found
         while at > 0 and margin[k] < margin[out[at - 1]]:
             at -= 1
-        if at < len(out) and not np.isnan(margin[k]):
+        if at < len(out) and np.isfinite(margin[k]):
             found = min(found + 1, len(out))
             for i in range(found - 1, at, -1):
                 out[i] = out[i - 1]
             out[at] = k
+    return found
+
+
+@kernel
+def shown(margin, others, count, out):
+    """`NearestPairs._shown`: write the places, at most ``count + 2``, to ``out``; return their number."""
+    found = _first(margin, out[:count])
+    for k in (_lowest(margin, range(len(margin))), _lowest(margin, others)):
+        known = k < 0
+        for i in range(found):
+            known = known or out[i] == k
+        if not known:
+            out[found] = k
+            found += 1
     return found
 
 
@@ -336,29 +369,32 @@ def _unit(v):
 
 
 @kernel
-def certify(cell, poses, pair, found, radii, n):
-    """`Certifier._best` for bodies that do not overlap: return the bound, and the engine's distance.
+def certify(cell, posed, pair, found, gap, n):
+    """`Certifier._best` for one pair: return the bound of the engine's direction, and True if it is accepted.
 
-    The bound is the slab of the engine's direction, which is written to ``n``: in the world, or in the frame
-    of the first body if the pair is chained. The witness points are moved to the surfaces.
+    It is accepted if the bodies are apart and the bound differs from the engine's distance by at most
+    ``gap``; ``posed`` are the poses and radii of all bodies. Then the witness points are moved to the
+    surfaces, and the direction is written to ``n``, (3,): in the frame of the first body for a pair of one
+    chain, from second to first body for a reversed pair.
     """
-    a, b, chained = pair
+    a, b, chained, reversed_ = pair
     distance, p, q, normal = found
-    R, t = poses
+    R, t, radii = posed
     near, far = radii[a], radii[b]
     v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
     if not distance > _TOUCHING:
         v = (normal[0], normal[1], normal[2])
     v = _unit(v)
-    for i in range(3):
-        p[i] += near * v[i]
-        q[i] -= far * v[i]
     turned = _turned_back(R[a], v)
     away = _turned_back(R[b], (-v[0], -v[1], -v[2]))
     apart = (t[b, 0] - t[a, 0], t[b, 1] - t[a, 1], t[b, 2] - t[a, 2])
     bodies = cell[2]
     lb = _dot(v, apart) - _support(cell, bodies[a], turned) - _support(cell, bodies[b], away)
-    kept = turned if chained else v
+    if not (lb >= 0.0 and abs(distance - near - far - lb) <= gap):
+        return lb, False
+    kept, sign = turned if chained else v, -1.0 if reversed_ else 1.0
     for i in range(3):
-        n[i] = kept[i]
-    return lb, distance - near - far
+        p[i] += near * v[i]
+        q[i] -= far * v[i]
+        n[i] = sign * kept[i]
+    return lb, True

@@ -23,9 +23,9 @@ from armgate.gate.clearance.swept import Array, Index, Swept
 Points = tuple[Point, Point]
 """Witness points of a pair, world frame, m."""
 
-_FEW = 4
-_MANY = 64
-_REFRESHES = 64
+FEW = 4
+MANY = 64
+REFRESHES = 64
 
 
 class NearestPairs:
@@ -59,22 +59,19 @@ class NearestPairs:
         margin = self._margin.take(ids)
         points = self._tighten(robot, margin)
         self._margin[ids] = margin
-        shown = dict.fromkeys([*self._first(margin, count), *self._lowest(robot, margin)])
-        return {
-            int(ids[k]): self._entry(int(ids[k]), float(margin[k]), points.get(k))
-            for k in shown
-            if isfinite(margin[k])
-        }
+        shown = self._shown(robot, margin, count)
+        values = zip(ids[shown].tolist(), margin[shown].tolist(), map(points.get, shown), strict=True)
+        return {pair: self._entry(pair, lowest, witnesses) for pair, lowest, witnesses in values}
 
     def _tighten(self, robot: int, margin: Array) -> dict[int, Points]:
         """Measure pairs until the lowest margins are measured ones; return the witness points by place."""
         limits, points = self._clearance.limits_of[robot], dict[int, Points]()
-        for query in range(1, _REFRESHES + 1):
+        for query in range(1, REFRESHES + 1):
             stale = [k for k in self._lowest(robot, margin) if k not in points]
             if not stale:
                 break
-            if query % _FEW == 0:  # many bounds are low: one slab for all is cheaper than more queries
-                self._measure(robot, _first(margin, _MANY), margin)
+            if query % FEW == 0:  # many bounds are low: one slab for all is cheaper than more queries
+                self._measure(robot, first(margin, MANY), margin)
                 continue
             lb, points[stale[0]] = self._refresh(robot, stale[0])
             margin[stale[0]] = lb - limits[stale[0]]
@@ -163,7 +160,7 @@ class NearestPairs:
         """Return the places of the lowest known margins.
 
         The first is that of all pairs; the second is that of pairs with another robot or the surroundings.
-        The compiled form is ``kernels.lowest``.
+        The compiled form is in ``kernels.stale``.
         """
         lowest = [int(margin.argmin())] if len(margin) else []
         others = self._others[robot]
@@ -178,16 +175,20 @@ class NearestPairs:
     def _side(self, group: Group) -> Swept | None:
         return self._clearance.space.static if group.other is None else self._placed(group.other)
 
-    def _first(self, margin: Array, count: int) -> list[int]:
-        """Return the places of the ``count`` lowest margins; the compiled form is ``kernels.first``."""
-        return list(map(int, _first(margin, count)))
+    def _shown(self, robot: int, margin: Array, count: int) -> list[int]:
+        """Return the places of the ``count`` lowest known margins, the lowest first, and of `_lowest`.
+
+        The compiled form is ``kernels.shown``.
+        """
+        finite = [int(k) for k in first(margin, count) if isfinite(margin[k])]
+        return list(dict.fromkeys([*finite, *self._lowest(robot, margin)]))
 
     def _entry(self, pair: int, margin: float, points: Points | None) -> Nearest:
         limit = self._limits[pair]
         return Nearest(self._names[pair], margin + limit, limit, points)
 
 
-def _first(margin: Array, count: int) -> Index:
+def first(margin: Array, count: int) -> Index:
     """Return the places of the ``count`` lowest margins, the lowest first; of equal ones, the first."""
     if count < len(margin):
         lowest = np.sort(np.argpartition(margin, count - 1)[:count])

@@ -107,14 +107,22 @@ class Prefilter:
             Lower bounds of the robot's pairs, (P,), and the places of those still open, ascending.
         """
         (bound, n), own = kept, self.pairs[robot]
-        lb = np.full(len(own.ids), -np.inf) if step is None else bound - own.growth @ step
-        left = (~(lb >= need)).nonzero()[0]
+        lb, left = self._lowered(robot, step, need, bound)
         if not len(left):
             return lb, left
         tried = left if step is None else self._with_next(own, step, need - lb, left)
         directions = n.take(own.ids[tried], axis=0) * own.sign[tried, None]
         lb[tried] = np.fmax(lb[tried], self._slabs(robot, new, tried, directions) - MARGIN)
         return lb, left[~(lb[left] >= need[left])]
+
+    def _lowered(self, robot: int, step: Array | None, need: Array, bound: Array) -> tuple[Array, Index]:
+        """Return the kept bounds less the growth, and the places of those that do not suffice, ascending.
+
+        The compiled form is ``kernels.lower``.
+        """
+        own = self.pairs[robot]
+        lb = np.full(len(own.ids), -np.inf) if step is None else bound - own.growth @ step
+        return lb, (~(lb >= need)).nonzero()[0]
 
     def _with_next(self, own: RobotPairs, step: Array, short: Array, left: Index) -> Index:
         """Return the open pairs, and pairs in their groups that will be open soon, ascending."""

@@ -12,7 +12,6 @@ joint behind a revolute one changes the length of a lever: for such robots R and
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
@@ -33,28 +32,48 @@ Place = Callable[[int, ArrayLike], tuple[Array, Array]]
 _KEPT = 8
 
 
-@dataclass(frozen=True, eq=False)
 class Swept:
-    """A robot's bodies over an occupancy with m nodes; they are placed at the first access.
+    """A robot's bodies over an occupancy with m nodes. Arrays and placements are made at the first access.
 
-    Attributes:
+    Args:
         nodes: Joint positions, (m, n).
         tube: e, (n,).
         place: Function that returns the placements at the nodes, R (m, nb, 3, 3) and t (m, nb, 3).
         motion: R_j of each body, (nb, n).
         bend: G_ij of each body, (nb, n, n).
+
+    Attributes:
+        motion: R_j of each body, (nb, n).
+        bend: G_ij of each body, (nb, n, n).
     """
 
-    nodes: Array
-    tube: Array
-    place: Callable[[], tuple[Array, Array]]
-    motion: Array
-    bend: Array
+    def __init__(
+        self,
+        nodes: ArrayLike,
+        tube: ArrayLike,
+        place: Callable[[], tuple[Array, Array]],
+        motion: Array,
+        bend: Array,
+    ) -> None:
+        self._over = nodes, tube
+        self._place = place
+        self.motion = motion
+        self.bend = bend
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Joint positions, (m, n)."""
+        return np.asarray(self._over[0])
+
+    @cached_property
+    def tube(self) -> Array:
+        """The tube e, (n,)."""
+        return np.asarray(self._over[1])
 
     @cached_property
     def placements(self) -> tuple[Array, Array]:
         """Placements at the nodes, R (m, nb, 3, 3) and t (m, nb, 3)."""
-        return self.place()
+        return self._place()
 
     @property
     def R(self) -> Array:
@@ -148,20 +167,16 @@ class Space:
     def sweep(self, robot: int, occupied: Occupancy) -> Swept:
         """Return a robot's bodies over an occupancy."""
         place = partial(self._placed_at, robot, occupied.nodes)
-        return self._swept(robot, np.array(occupied.nodes), np.array(occupied.tube), place)
+        return Swept(occupied.nodes, occupied.tube, place, self.motion[robot], self.bend[robot])
 
     def sweep_nodes(self, robot: int, nodes: Array, tube: Array) -> Swept:
         """Return a robot's bodies over nodes (m, n) with a tube (n,), without keeping the placements."""
-        return self._swept(robot, nodes, tube, partial(self._place_at, robot, nodes))
+        place = partial(self._place_at, robot, nodes)
+        return Swept(nodes, tube, place, self.motion[robot], self.bend[robot])
 
     def still(self, robot: int, q: Joints) -> Swept:
         """Return a robot's bodies at ``q``, at rest."""
         return self.sweep(robot, Occupancy((q,), (0.0,) * len(q)))
-
-    def _swept(
-        self, robot: int, nodes: Array, tube: Array, place: Callable[[], tuple[Array, Array]]
-    ) -> Swept:
-        return Swept(nodes, tube, place, self.motion[robot], self.bend[robot])
 
     # Placements are bound methods, not closures, so that a gate can be pickled (`armgate.world.saving`).
 
