@@ -1,21 +1,32 @@
 """Nearest pairs of the state, against engine queries for all pairs."""
 
+import os
+import pickle
+
 import numpy as np
 import pytest
 
 from armgate.gate.clearance import Clearance
+from armgate.gate.clearance.compiled_nearest import CompiledNearestPairs, nearest_pairs_of
+from armgate.gate.clearance.engines import CoalEngine
 from armgate.gate.clearance.nearest_pairs import NearestPairs, first, start_clearances
 from gate import scenes
 from gate.oracle import Oracle
 
+NUMPY_ONLY = bool(os.environ.get("ARMGATE_NUMPY"))  # see conftest.py
+FORMS = [False] if NUMPY_ONLY else [False, True]
+TOLERANCE = 1e-9
+"""Tolerance for distances, m: coal ends its iterations within 1e-8, at other steps for poses that differ."""
+
 
 @pytest.mark.parametrize("name", ["duel", "tree", "mesh"])
 @pytest.mark.parametrize("count", [1, 3, 6])
-def test_the_lowest_bounds_are_reported_and_the_nearest_pairs_have_true_distances(name, count):
+@pytest.mark.parametrize("compiled", FORMS)
+def test_the_lowest_bounds_are_reported_and_the_nearest_pairs_have_true_distances(name, count, compiled):
     """In small steps and in leaps: the nearest pair of all, and the nearest pair with another body."""
     cell, rng = scenes.SCENES[name](), np.random.default_rng(count)
     oracle = Oracle(cell)
-    nearest = NearestPairs(Clearance(cell, False))
+    nearest = nearest_pairs_of(Clearance(cell, compiled))
     q = [np.array(r.start, dtype=float) for r in cell.robots]
     for k in range(40):
         reach = 0.8 if k % 9 == 8 else 0.02
@@ -174,3 +185,88 @@ def test_bounds_are_found_anew_when_the_motion_bounds_have_changed():
     moved._follow(0, outside)
     fresh._follow(0, outside)
     assert moved._margin == pytest.approx(fresh._margin)
+
+
+def at_start(cell, compiled):
+    """Return a search of a form, after the pairs were proven at the start as by a gate."""
+    clearance = Clearance(cell, compiled)
+    for i, robot in enumerate(cell.robots):
+        clearance.hold(i, [clearance.space.still(i, tuple(map(float, robot.start)))])
+    for i in range(len(cell.robots)):
+        clearance.prove_all(i)
+    return nearest_pairs_of(clearance)
+
+
+def walk(cell, seed, steps=60):
+    """Yield the index of the robot to report, and positions of all robots: small steps, leaps, and rests."""
+    rng = np.random.default_rng(seed)
+    q = [np.array(r.start, dtype=float) for r in cell.robots]
+    for k in range(steps):
+        reach = 0.6 if k % 11 == 10 else 0.01
+        mover = int(rng.integers(len(q)))
+        robot = cell.robots[mover]
+        q[mover] = np.clip(q[mover] + rng.uniform(-reach, reach, len(q[mover])), robot.lower, robot.upper)
+        yield k % len(q), [None if k < 2 and i else tuple(map(float, x)) for i, x in enumerate(q)]
+
+
+@pytest.mark.skipif(NUMPY_ONLY, reason="compares with the compiled form")
+@pytest.mark.parametrize("name", sorted(scenes.SCENES))
+def test_both_forms_report_the_same_pairs_distances_and_directions(name):
+    cell = scenes.SCENES[name]()
+    forms = [at_start(cell, compiled) for compiled in (False, True)]
+    assert [type(form) for form in forms] == [NearestPairs, CompiledNearestPairs]
+    for robot, q in walk(cell, 7):
+        readable, compiled = (form.find(robot, q, 3) for form in forms)
+        assert list(readable) == list(compiled)
+        for pair, one in readable.items():
+            other = compiled[pair]
+            assert (other.pair, other.limit) == (one.pair, one.limit)
+            assert other.distance == pytest.approx(one.distance, abs=TOLERANCE)
+            assert (other.points is None) == (one.points is None)
+            assert type(other.distance) is type(other.limit) is float
+    counts = [form._clearance.certifier.queries for form in forms]
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.skipif(NUMPY_ONLY, reason="tests the compiled form")
+@pytest.mark.parametrize("change", ["longer", "shorter", "another direction"])
+def test_the_compiled_form_trusts_no_engine(change, monkeypatch):
+    """A false suggestion is noticed by the bound of its direction, and the second engine is queried."""
+    cell = scenes.SCENES["duel"]()
+    honest = CoalEngine.query
+
+    def wrong(self, *asked):
+        distance, p, q, normal = honest(self, *asked)
+        match change:
+            case "longer":
+                return distance + 0.01, p, q, normal
+            case "shorter":
+                return distance - 0.01, p, q, normal
+            case _:
+                return distance, p, q + np.array([0.0, 0.3, 0.2]), normal
+
+    form, expected, oracle = at_start(cell, True), at_start(cell, False), Oracle(cell)
+    for robot, q in walk(cell, 3, 20):
+        if None in q:
+            continue
+        with monkeypatch.context() as patch:
+            patch.setattr(CoalEngine, "query", wrong)
+            found = form.find(robot, q, 3)
+        R, t = oracle.place([np.array([x]) for x in q])
+        for pair, one in found.items():
+            assert one.distance <= oracle.apart(pair, R[0], t[0]).high + 1e-6
+        lowest = next(iter(expected.find(robot, q, 3).values()))
+        assert next(iter(found.values())).distance == pytest.approx(lowest.distance, abs=2e-3)
+    assert form._clearance.certifier.gaps > 0
+
+
+@pytest.mark.skipif(NUMPY_ONLY, reason="tests the compiled form")
+def test_a_copy_of_the_compiled_form_continues_alike_and_shares_nothing():
+    cell = scenes.SCENES["duel"]()
+    form = at_start(cell, True)
+    steps = list(walk(cell, 5))
+    for robot, q in steps[:20]:
+        form.find(robot, q, 3)
+    copy = pickle.loads(pickle.dumps(form))
+    again = [copy.find(robot, q, 3) for robot, q in steps[20:]]
+    assert again == [form.find(robot, q, 3) for robot, q in steps[20:]]

@@ -30,7 +30,7 @@ _REASONS = Path(__file__).with_name("reasons.toml")
 _HANGING = 4.0
 """A mutant is ended after this many times the duration of all tests without a fault."""
 
-LEFT_OUT = {"__init__", "compiled", "kernels"}
+LEFT_OUT = {"__init__", "compiled", "compiled_nearest", "kernels"}
 """Modules without mutants. numba would load its code from its cache, without the fault; the compiled code
 repeats the numpy code, and tests compare the two."""
 
