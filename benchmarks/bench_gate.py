@@ -18,9 +18,9 @@ from report import Row, report
 from scenes import crowded_cell, demo_cell, six_robots
 
 from armgate.cell.cell import Cell
+from armgate.cell.compilation import available
 from armgate.events import Command, LeaseChange, LinkChange, LinkState, Plan, PlanAnswer, Tick
 from armgate.gate import Gate
-from armgate.gate.clearance.compiled import available
 from armgate.gate.clearance.engines import CoalEngine
 from armgate.gate.decision import BUDGET
 

@@ -80,7 +80,6 @@ def _compiled_gate_if_used(request):
 @pytest.fixture(scope="session")
 def compiled_gate():
     """Compile the gate's kernels once, so that no daemon of a test compiles them while the test waits."""
-    from armgate.gate.clearance import compiled
+    from armgate.gate import prepare
 
-    if compiled.available():
-        compiled.prepare()
+    prepare()

@@ -6,7 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from armgate.control.compiled import CompiledLaw, available, camera_law
+from armgate.cell.compilation import available
+from armgate.control.compiled import CompiledLaw, camera_law
 from armgate.control.gains import Gains
 from armgate.control.integrate import Scheme
 from armgate.control.law import CameraLaw
@@ -199,7 +200,7 @@ def test_kernels_work_if_no_cache_can_be_written(tmp_path):
         f"sys.path.insert(0, {str(tmp_path)!r})\n"
         "from numba.core import caching\n"
         "caching.CacheImpl._locator_classes = []\n"
-        "from armgate.control.kernels import kernel\n"
+        "from armgate.cell.compilation import kernel\n"
         "import readonly\n"
         "print(kernel(readonly.double)(21))",
         HOME=str(nowhere),

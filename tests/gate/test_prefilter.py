@@ -151,7 +151,7 @@ def test_no_tick_compiles_anything():
 def test_without_numba_the_gate_uses_numpy():
     code = (
         "import sys; sys.modules['numba'] = None\n"
-        "from armgate.gate.clearance.compiled import available, prefilter_of\n"
+        "from armgate.cell.compilation import available\n"
         "from armgate.gate.clearance import Clearance\n"
         "from gate import scenes\n"
         "print(available(), type(Clearance(scenes.lane()).prefilter).__name__)\n"

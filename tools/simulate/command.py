@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterable, Iterator
 from functools import partial
 
-from armgate.gate.clearance import compiled
+from armgate.gate import prepare
 from tools.simulate.run import Result, Simulation
 from tools.simulate.shrink import shrunk
 
@@ -19,8 +19,7 @@ def main() -> int:
     """Run simulations; return the exit status."""
     given = _parser().parse_args()
     logging.getLogger("asyncio").disabled = True  # clients write to connections that are lost
-    if compiled.available():
-        compiled.prepare()
+    prepare()
     seeds = [given.seed] if given.seed is not None else range(given.first, given.first + given.seeds)
     without = frozenset(int(number) for number in given.without.split(",") if number)
     failed = steps = 0

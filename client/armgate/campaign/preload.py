@@ -2,11 +2,12 @@
 
 import importlib
 
+from armgate import gate
+from armgate.cell.compilation import announced
 from armgate.control import compiled as control
-from armgate.gate.clearance import compiled as gate
 
 for _name in ("numpy", "pinocchio", "coal", "fcl", "armgate.campaign.laboratory"):
     importlib.import_module(_name)
-if gate.available():
+with announced():
     gate.prepare()
-control.prepare()
+    control.prepare()

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armgate.cell.compilation import available
 from armgate.cell.model import RobotModel
 from armgate.control.gains import Gains
 from armgate.control.integrate import Ended, Integration, Scheme
@@ -31,15 +32,6 @@ Packed = NDArray[np.uint8]
 NOT_OURS = "expected a scene or goal made by this law"
 
 _ENDED = (Ended.CONVERGED, Ended.BOUND, Ended.BUDGET)
-
-
-def available() -> bool:
-    """Return True if numba is installed."""
-    try:
-        import_module("numba")
-    except ImportError:
-        return False
-    return True
 
 
 def camera_law(model: RobotModel, frame: str, gains: Gains | None = None) -> CameraLaw:

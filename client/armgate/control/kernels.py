@@ -7,18 +7,14 @@ cache tracks only the file of the function that it compiled: a change in here ca
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import asin, atan2, cos, hypot, pi, sin, sqrt
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 
+from armgate.cell.compilation import kernel
 from armgate.control.gradient import DAMPING
 from armgate.control.law import INDUCED_DAMPING
 from armgate.control.stereographic import ANTIPODE_GUARD, LENS_GUARD
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 # One record per joint, sphere or obstacle, in any number: one compilation serves all robots. All records are
 # passed as one array of bytes, because numba inspects every array of a call: seven arrays took longer than f
@@ -75,18 +71,6 @@ GOAL = np.dtype(
     ]
 )
 _HEAD = HEAD.itemsize
-
-
-def kernel(function: F) -> F:
-    """Compile a function at its first call, or load it from numba's cache if that is writable.
-
-    numba writes its cache beside this file, or else to the user's cache folder. If neither is writable (a
-    read-only installation without a home), each process compiles the kernels again.
-    """
-    try:
-        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:
-        return cast("F", numba.njit(error_model="numpy")(function))
 
 
 @kernel

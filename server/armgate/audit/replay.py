@@ -8,9 +8,9 @@ from armgate.audit.event_check import event_error
 from armgate.audit.output_differences import TOLERANCE, differences
 from armgate.audit.replay_gate import ReplayGate
 from armgate.cell.cell import Cell
+from armgate.cell.compilation import available
 from armgate.cell.errors import install_hint
 from armgate.events import Command, GateEvent, GateOutput, Stopped, Verdict
-from armgate.gate.clearance.compiled import available
 from armgate.recording import DamagedError, Header, Recording, Step, machine, software
 
 _KEPT = 20

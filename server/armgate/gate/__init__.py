@@ -10,6 +10,7 @@ limit), ``braking`` (the increments of the stop), ``occupancy`` (what the robot 
 ``verdict_wording`` contains the texts of all verdicts.
 """
 
+from armgate.gate.clearance.compiled import prepare
 from armgate.gate.clearance.nearest_pairs import start_clearances
 from armgate.gate.clearance.support import support, support_table
 from armgate.gate.gate import Gate
@@ -18,6 +19,7 @@ from armgate.gate.robot import RobotView
 __all__ = [
     "Gate",
     "RobotView",
+    "prepare",
     "start_clearances",
     "support",
     "support_table",

@@ -5,8 +5,8 @@ import time
 from collections.abc import Mapping
 
 from armgate.cell.cell import Cell
+from armgate.cell.compilation import available
 from armgate.cell.config.packing import pack
-from armgate.gate.clearance.compiled import available
 from armgate.recording import Header, machine, software
 from armgate.world.description import CellDescription
 

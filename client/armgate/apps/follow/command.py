@@ -62,11 +62,13 @@ def follow(
     from armgate.apps.follow.loop import FollowOptions
     from armgate.apps.follow.program import FollowProgram
     from armgate.apps.interrupt import catch_interrupt
+    from armgate.cell.compilation import announced
     from armgate.client import connect
     from armgate.client.program import run
     from armgate.control.compiled import prepare
 
-    prepare()
+    with announced():
+        prepare()
     own = login(token_file, ca, cert, key)
     options = FollowOptions(distance, lag, focus=focus, predict=predict)
     with catch_interrupt() as interrupt, connect(address, name=name, role="controller", **own) as cell:

@@ -3,6 +3,7 @@
 import importlib
 
 from armgate.apps.cli import commands
+from armgate.cell.compilation import announced
 from armgate.control.compiled import prepare
 
 LIBRARIES = ("msgpack", "pydantic", "pinocchio", "coal", "fcl", "yaml", "asyncio", "ssl")
@@ -15,4 +16,5 @@ for name in (*LIBRARIES, *OURS):
     importlib.import_module(name)
 for name in ("serve", "follow", "lead", "monitor"):
     commands()[name].load()
-prepare()
+with announced():
+    prepare()

@@ -27,6 +27,7 @@ from armgate.apps.stack.observation import Observation, completed
 from armgate.apps.stack.plan import DAEMON, ORDINARY, VIEWER, Plan
 from armgate.apps.stack.processes import Children, Event, Exited, Interrupted, Printed
 from armgate.apps.stack.robot_processes import SERVER, RobotProcesses
+from armgate.cell.compilation import announced
 from armgate.cell.terminal_text import printable
 from armgate.client import ClientError, Description, State, connect
 from armgate.control.compiled import prepare
@@ -139,7 +140,8 @@ def _start_daemon(children: Children, plan: Plan) -> str:
         _start_robots(children, plan, plan.robots)
     children.launch(DAEMON, plan.daemon(), priority=plan.priority("daemon"))
     # The first run after an installation compiles the control law: now, and not while the leader is moving.
-    prepare()
+    with announced():
+        prepare()
     return _printed(children, DAEMON, LISTENING)
 
 

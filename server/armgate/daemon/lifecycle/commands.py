@@ -139,15 +139,18 @@ def _robot_server(cell: "Cell", given: Path | None) -> Path | None:
 def _serve(cell: "Cell", keys: "Keys", record: Path | None, robot_server: Path | None) -> int:
     import asyncio
 
+    from armgate.cell.compilation import announced
     from armgate.daemon.auth.reloading import warn_of_unknown_robots
     from armgate.links.log import Log
 
     with _extra_needed():
         from armgate.daemon.lifecycle.daemon import Daemon
         from armgate.daemon.recording.start import recorder_of
-        from armgate.gate import Gate
+        from armgate.gate import Gate, prepare
 
     log = Log(sys.stderr)
+    with announced(lambda notice: log.info("gate.compiling", text=notice)):
+        prepare()
     _warn(cell, log)
     warn_of_unknown_robots(keys.tokens or (), [robot.name for robot in cell.robots], log)
     try:

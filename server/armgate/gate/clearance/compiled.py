@@ -11,6 +11,7 @@ from typing import Any, Literal, assert_never
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from armgate.cell.compilation import available
 from armgate.cell.model import RobotModel
 from armgate.gate.clearance.prefilter import Prefilter, RobotPairs
 from armgate.gate.clearance.support import Cornered
@@ -20,15 +21,6 @@ Records = NDArray[np.void]
 _STALE = -1
 _ROWS = 8
 """Initial number of rows for the nodes that a robot holds."""
-
-
-def available() -> bool:
-    """Return True if numba is installed."""
-    try:
-        import_module("numba")
-    except ImportError:
-        return False
-    return True
 
 
 def prefilter_of(space: Space, pairs: Sequence[RobotPairs], compiled: bool | None) -> Prefilter:
@@ -121,6 +113,7 @@ class CompiledPrefilter(Prefilter):
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state, after the kernels of this process are ready."""
         prepare()
+        kernels()  # raises an ImportError without numba
         self.__dict__.update(state)
 
 
@@ -129,11 +122,10 @@ def prepare() -> None:
     """Compile all kernels (some seconds), or load them from numba's cache (less than a second).
 
     After this no call compiles: arguments of another type raise an error. The constructor of
-    `CompiledPrefilter` calls it, so that no tick waits for a compiler.
-
-    Raises:
-        ImportError: numba is not installed.
+    `CompiledPrefilter` calls it, so that no tick waits for a compiler. Without numba it does nothing.
     """
+    if not available():
+        return
     k = kernels()
     robots, joints, bodies = (np.zeros(1, dtype) for dtype in (k.ROBOT, k.JOINT, k.BODY))
     robots["joints"] = robots["bodies"] = 1

@@ -7,14 +7,11 @@ checks only the file of the function that it compiled: a change in this file com
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import cos, sin, sqrt
-from typing import Any, TypeVar, cast
 
-import numba
 import numpy as np
 
-F = TypeVar("F", bound=Callable[..., Any])
+from armgate.cell.compilation import kernel
 
 # Records for joints, bodies and pairs in any number: one compilation serves all cells.
 JOINT = np.dtype(
@@ -35,18 +32,6 @@ PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 
 _TOUCHING = 1e-9
 """`engines._TOUCHING`: distance up to which the witness points give no direction, m."""
-
-
-def kernel(function: F) -> F:
-    """Return the function, compiled at its first call, with numba's cache if one can be written.
-
-    numba caches in this file's folder, else in the user's cache folder. If neither can be written (a
-    read-only installation without a home folder), each process compiles for itself.
-    """
-    try:
-        return cast("F", numba.njit(cache=True, error_model="numpy")(function))
-    except RuntimeError:
-        return cast("F", numba.njit(error_model="numpy")(function))
 
 
 @kernel
