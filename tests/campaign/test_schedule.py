@@ -36,7 +36,7 @@ class Pool:
             self.runs[trial.seed] += 1
             if self.runs[trial.seed] <= self._deadly.get(trial.seed, 0):
                 if self._streams:
-                    return Finished(results, batch[at : at + 1], batch[at + 1 :])
+                    return Finished(results, batch[at : at + 1], True, batch[at + 1 :])
                 return Finished([], batch)
             results.append(Result(trial.key))
         return Finished(results, seconds=self._seconds * len(batch))
@@ -47,15 +47,20 @@ class Pool:
     def __exit__(self, *_: object) -> None: ...
 
 
+@pytest.mark.parametrize("attempts", [1, 3])
 @pytest.mark.parametrize("streams", [True, False])
-def test_every_trial_has_one_result_whatever_ends(streams: bool) -> None:
-    pool = Pool({3: 2, 50: 99, 120: 99, 121: 1, 199: 99}, streams=streams)
+def test_every_trial_has_one_result_whatever_ends(streams: bool, attempts: int) -> None:
+    deadly = {50: 99, 120: 99, 199: 99} | ({3: 2, 121: 1} if attempts > 1 else {})
+    pool = Pool(deadly, streams=streams)
     results: list[Result] = []
-    Schedule(pool, results.append, attempts=3, timeout=9.0).run(TRIALS)
+    Schedule(pool, results.append, attempts=attempts, timeout=9.0).run(TRIALS)
     assert Counter(result.key for result in results) == Counter(trial.key for trial in TRIALS)
     failed = [int(result.key, 16) for result in results if result.failed]
     assert sorted(failed) == [50, 120, 199]
-    assert {pool.runs[seed] for seed in failed} == {3}
+    runs = {pool.runs[seed] for seed in failed}
+    assert (
+        runs == {attempts} if streams else runs <= {attempts, attempts + 1}
+    )  # a death in a batch suspects all of it, and counts for none
     (reason,) = {result.reason for result in results if result.failed}
     assert reason == "its worker process ended at every attempt, or the timeout of 9 s passed"
 

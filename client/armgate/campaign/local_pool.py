@@ -135,7 +135,7 @@ class LocalPool:
 
 
 def _end(worker: _Worker, left: list[Trial]) -> Finished:
-    finished = Finished(worker.results, left[:1], left[1:], time.monotonic() - worker.since)
+    finished = Finished(worker.results, left[:1], True, left[1:], time.monotonic() - worker.since)
     worker.batch, worker.results = [], []
     return finished
 

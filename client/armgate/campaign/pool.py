@@ -29,12 +29,14 @@ class Finished:
     Attributes:
         results: Results of the trials that ended.
         suspects: Trials that may have ended their worker.
+        exact: True if the suspect was certainly running; False if it may only have waited for the worker.
         lost: Other trials that were not run because their worker ended.
         seconds: Time that the worker took, s.
     """
 
     results: Sequence[Result]
     suspects: Sequence[Trial] = ()
+    exact: bool = False
     lost: Sequence[Trial] = ()
     seconds: float = 0.0
 

@@ -31,7 +31,8 @@ class Schedule:
         self._pool, self._take = pool, take
         self._attempts, self._timeout = attempts, timeout
         self._todo: deque[Trial] = deque()
-        self._alone: deque[Trial] = deque()
+        self._suspects: deque[Trial] = deque()
+        self._alone = False
         self._ended: Counter[str] = Counter()
         self._running = 0
         self._seconds: float | None = None
@@ -50,15 +51,16 @@ class Schedule:
             self._fill()
 
     def _fill(self) -> None:
-        while (self._todo or self._alone) and self._running < AHEAD * self._pool.workers:
-            self._pool.submit(self._next())
-            self._running += 1
-
-    def _next(self) -> list[Trial]:
-        """Return the next batch; a trial that may have ended its worker is run alone."""
+        """Submit batches; at last, submit each suspect while no other trial waits or runs."""
+        while self._todo and self._running < AHEAD * self._pool.workers:
+            self._submit([self._todo.popleft() for _ in range(min(self._size(), len(self._todo)))])
+        self._alone = not self._running and bool(self._suspects)
         if self._alone:
-            return [self._alone.popleft()]
-        return [self._todo.popleft() for _ in range(min(self._size(), len(self._todo)))]
+            self._submit([self._suspects.popleft()])
+
+    def _submit(self, batch: Sequence[Trial]) -> None:
+        self._pool.submit(batch)
+        self._running += 1
 
     def _size(self) -> int:
         """Return the size of the next batch: for a time, and smaller near the end of the campaign."""
@@ -75,9 +77,9 @@ class Schedule:
 
     def _repeat(self, finished: Finished) -> None:
         for trial in finished.suspects:
-            self._ended[trial.key] += 1
+            self._ended[trial.key] += finished.exact or self._alone
             if self._ended[trial.key] >= self._attempts:
                 self._take(worker_ended(trial.key, self._timeout))
             else:
-                self._alone.append(trial)
+                self._suspects.append(trial)
         self._todo.extendleft(reversed(finished.lost))
