@@ -20,7 +20,7 @@ from typing import Protocol
 from armgate.campaign.series import Series
 from armgate.cell.config import CellConfig, MetricsConfig, RecordingConfig, ServerConfig
 from armgate.cell.config.packing import pack, unpack
-from armgate.client import connect
+from armgate.client import Cell, ClientError, connect
 from armgate.client.program import ProgramContext, run
 from armgate.programs import Controller
 
@@ -29,6 +29,8 @@ START_TIME = 120.0
 """Timeout for the daemon to listen, s."""
 END_TIME = 20.0
 """Timeout for a process to bring its robot to rest and end, s."""
+_ENDED = (0, 128 + signal.SIGINT)
+"""Exit statuses of a daemon that was requested to end."""
 _LOOK = 0.02
 """Period in which ends of processes are noticed, s."""
 
@@ -99,7 +101,7 @@ def _daemon(config: CellConfig, names: Sequence[str], folder: Path, record: Path
         yield _address(process, folder / "daemon.log")
     finally:
         _end(process, signal.SIGTERM)
-    if process.returncode != 0:
+    if process.returncode not in _ENDED:
         raise _failure("the daemon", process, folder / "daemon.log")
 
 
@@ -130,18 +132,41 @@ def _run(
     until: Collection[str],
 ) -> None:
     started: dict[str, _Member] = {}
-    with connect(address, name="campaign", role="observer", patience=START_TIME) as cell:
+    with connect(address, name="campaign", role="observer") as cell:
         cell.subscribe(fields=())
-        states = cell.states()
+        watch = _Watch(cell, duration)
         try:
             for name, member in members.items():
                 started[name] = _start(name, member, address, folder)
             awaited = [started[name] for name in until or started]
-            while not _all_ended(started.values(), awaited) and next(states).time < duration:
+            while not _all_ended(started.values(), awaited) and not watch.over.wait(_LOOK):
                 pass
         finally:
             for one in started.values():
                 one.stop()
+
+
+class _Watch:
+    """Thread that watches the virtual time; no state arrives while all controllers start or have ended.
+
+    Args:
+        cell: Connection with a subscription.
+        duration: Duration of the trial, s.
+
+    Attributes:
+        over: Set when the duration is over, or the connection is lost.
+    """
+
+    def __init__(self, cell: Cell, duration: float) -> None:
+        self.over = threading.Event()
+        threading.Thread(target=self._follow, args=(cell, duration), name="watch", daemon=True).start()
+
+    def _follow(self, cell: Cell, duration: float) -> None:
+        with suppress(ClientError):
+            for state in cell.states():
+                if state.time >= duration:
+                    break
+        self.over.set()
 
 
 def _all_ended(members: Collection[_Member], awaited: Sequence[_Member]) -> bool:
@@ -221,8 +246,8 @@ class _Thread:
 
 
 def _armgate(words: Sequence[str]) -> list[str]:
-    """Return ``armgate WORDS`` as a command of this Python."""
-    return [sys.executable, "-m", "armgate.apps", *words]
+    """Return ``armgate WORDS`` as a command of this Python that ends with this process."""
+    return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), "0", *words]
 
 
 def _started(words: Sequence[str], log: Path, stdout: int) -> "subprocess.Popen[str]":
