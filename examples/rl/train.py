@@ -80,7 +80,12 @@ class EpisodeCounter:
 def make_env(reward: str) -> gymnasium.Env:
     """Return the environment: a planar arm between posts, one action for 48 ms, at most 4.8 s."""
     return gymnasium.make(
-        "armgate.env:armgate/Reach-v0", reward=REWARDS[reward], repeat=4, places=64, max_episode_steps=100
+        "armgate.env:armgate/Reach-v0",
+        reward=REWARDS[reward],
+        repeat=4,
+        places=64,
+        spread=0.15,
+        max_episode_steps=100,
     )
 
 
@@ -118,7 +123,7 @@ def train(reward: str, seed: int, steps: int) -> Iterator[EpisodeRow]:
 def main() -> None:
     """Train all agents, one after the other."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("--steps", type=int, default=15_000, help="steps of each agent")
+    parser.add_argument("--steps", type=int, default=12_000, help="steps of each agent")
     parser.add_argument("--seeds", type=int, default=3, help="agents for each reward")
     parser.add_argument("--out", type=Path, default=Path("results"), help="folder of episodes.csv")
     options = parser.parse_args()

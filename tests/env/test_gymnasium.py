@@ -116,6 +116,36 @@ def test_errors_in_a_worker_are_raised_and_the_vector_continues():
         envs.reset(seed=[1])
     assert envs.step(np.zeros((2, 3)))[0].shape == (2, 13)
     envs.close()
+
+
+def test_a_worker_that_is_killed_is_one_error():
+    from armgate.env import EnvError, WorkerVectorEnv
+
+    envs = WorkerVectorEnv([partial(make, "Reach", places=2)] * 2, workers=2)
+    envs.reset(seed=0)
+    envs._workers[1]._process.kill()
+    for _ in range(2):
+        with pytest.raises(EnvError, match="a worker has ended with exit code -9"):
+            envs.step(np.zeros((2, 3)))
+    envs.close()
+
+
+class UnsendableError(Exception):
+    """Error that cannot be made again from its arguments."""
+
+    def __init__(self, first, second):
+        super().__init__(f"{first} and {second}")
+
+
+def fail():
+    raise UnsendableError("a", "b")
+
+
+def test_errors_of_workers_at_their_start_end_all_workers():
+    from armgate.env import EnvError, WorkerVectorEnv
+
+    with pytest.raises(EnvError, match="UnsendableError: a and b"):
+        WorkerVectorEnv([partial(make, "Reach", places=2), fail], workers=2)
     with pytest.raises(EnvError, match="workers: 3; expected 1 to 2"):
         WorkerVectorEnv([partial(make, "Reach")] * 2, workers=3)
     with pytest.raises(EnvError, match="no robot X"):

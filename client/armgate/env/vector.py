@@ -6,6 +6,7 @@ about as long as a step of a world. Here each worker steps its share of the envi
 
 import contextlib
 import multiprocessing
+import pickle
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from typing import Any
@@ -48,7 +49,7 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
         shares = [env_fns[begin:end] for begin, end in zip([0, *self._ends], self._ends, strict=False)]
         self._workers = [_Worker(share, mode) for share in shares]
         self._sizes = [len(share) for share in shares]
-        observation, action, metadata = self._answers()[0]
+        observation, action, metadata = self._first_answer()
         self.single_observation_space, self.single_action_space = observation, action
         self.observation_space = batch_space(observation, self.num_envs)
         self.action_space = batch_space(action, self.num_envs)
@@ -99,6 +100,14 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
     def _parts(self) -> list[slice]:
         return [slice(begin, end) for begin, end in zip([0, *self._ends], self._ends, strict=False)]
 
+    def _first_answer(self) -> Any:
+        """Return what the first worker reports about its environments; end all workers after an error."""
+        try:
+            return self._answers()[0]
+        except Exception:
+            self.close_extras()
+            raise
+
     def _answers(self) -> list[Any]:
         """Return the answers of all workers; raise the first error among them."""
         answers = [worker.answer() for worker in self._workers]
@@ -123,13 +132,15 @@ class _Worker:
 
     def send(self, command: str, argument: object) -> None:
         """Send a command; `answer` returns its result."""
-        self._connection.send((command, argument))
+        with contextlib.suppress(BrokenPipeError):  # the process has ended: `answer` reports it
+            self._connection.send((command, argument))
 
     def answer(self) -> Any:
         """Return the next answer, or the exception that took its place."""
         try:
             return self._connection.recv()
-        except EOFError:
+        except (EOFError, ConnectionResetError):
+            self._process.join()
             return EnvError(f"a worker has ended with exit code {self._process.exitcode}")
 
     def close(self) -> None:
@@ -147,7 +158,7 @@ def _work(connection: Connection, env_fns: Any, mode: str) -> None:
         env = SyncVectorEnv(env_fns.fn, autoreset_mode=mode)
         connection.send((env.single_observation_space, env.single_action_space, dict(env.envs[0].metadata)))
     except Exception as error:
-        connection.send(error)
+        connection.send(_sendable(error))
         return
     observations: Any = None
     with contextlib.suppress(EOFError, KeyboardInterrupt), contextlib.closing(env):
@@ -157,7 +168,7 @@ def _work(connection: Connection, env_fns: Any, mode: str) -> None:
                 answer = _reset(env, observations, *argument) if command == "reset" else env.step(argument)
                 observations = answer[0]
             except Exception as error:
-                answer = error
+                answer = _sendable(error)
             connection.send(answer)
 
 
@@ -166,6 +177,15 @@ def _reset(env: Any, observations: Any, seeds: list[int | None], options: dict[s
     if options is not None and "reset_mask" in options and not np.any(options["reset_mask"]):
         return observations, {}
     return env.reset(seed=seeds, options=options)
+
+
+def _sendable(error: Exception) -> Exception:
+    """Return an error that can be pickled: some exceptions cannot be made again from their arguments."""
+    try:
+        pickle.loads(pickle.dumps(error))  # noqa: S301 (its own bytes)
+    except Exception:
+        return EnvError(f"{type(error).__name__}: {error}")
+    return error
 
 
 def _part_of(options: Mapping[str, Any] | None, part: slice) -> dict[str, Any] | None:
