@@ -17,7 +17,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-world lock sbom clean
+.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-world bench-env lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -142,6 +142,9 @@ bench-demo: $(VENV)/.installed  ## measure the speed of the whole stack in lock-
 
 bench-world: $(VENV)/.benched  ## measure a step of the demo cell in one process
 	@$(BIN)/python benchmarks/bench_world.py $(ARGS)
+
+bench-env: $(VENV)/.benched  ## measure a step of the environments, and the speed of two workers
+	@$(BIN)/python benchmarks/bench_env.py $(ARGS)
 
 lock: $(VENV)/.locking  ## renew the lock files: exact versions and hashes for services, development and site
 	@$(BIN)/python -m tools.lock $(VENV)/lock/bin/uv $(ARGS)

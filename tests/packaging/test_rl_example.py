@@ -1,0 +1,63 @@
+"""The training example: its environment, its counts and its curves; the training itself needs torch."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "rl"
+
+
+@pytest.fixture
+def example(monkeypatch):
+    """Return the modules of the example."""
+    monkeypatch.syspath_prepend(str(EXAMPLE))
+    yield importlib.import_module("train"), importlib.import_module("curves")
+    for name in ("train", "curves"):
+        sys.modules.pop(name)
+
+
+def test_the_penalty_counts_limited_and_refused_commands(example):
+    train, _ = example
+    rewards = {}
+    for name in train.REWARDS:
+        env = train.make_env(name)
+        env.reset(seed=0, options={"place": 0, "goal": [0.5, 0.5, 0.5]})
+        steps = [env.step([1.0, -1.0, -1.0]) for _ in range(45)]
+        rewards[name] = np.array([step[1] for step in steps])
+        refused = np.array([step[4]["outcome"] != "admitted" for step in steps])
+    difference = rewards["task"] - rewards["task and verdict"]
+    assert refused.any()
+    assert not difference[~refused].any()
+    assert (difference[refused] >= train.PENALTY - 1e-12).all()
+
+
+def test_episodes_are_counted(example):
+    train, _ = example
+    counter = train.EpisodeCounter("task", 3)
+    infos = [("admitted", 0.0), ("limited", 0.0), ("refused", 1.0), ("refused", 0.0)]
+    rows = [
+        counter.add({"outcome": outcome, "measures": {"success": reached}}, done)
+        for (outcome, reached), done in zip(infos, (False, False, True, True), strict=True)
+    ]
+    assert rows == [
+        None,
+        None,
+        train.EpisodeRow("task", 3, step=3, length=3, success=1, limited=1, refused=1),
+        train.EpisodeRow("task", 3, step=4, length=1, success=0, limited=0, refused=1),
+    ]
+
+
+def test_curves_average_the_episodes_of_each_seed_in_each_window(example):
+    train, curves = example
+    rows = [
+        train.EpisodeRow("task", seed, step, 50, int(step > 60), 5, seed)
+        for seed in (0, 1)
+        for step in (50, 100)
+    ]
+    ends, values = curves.curve(rows, curves.success, window=60)
+    assert ends.tolist() == [60, 120]
+    assert values.tolist() == [[0.0, 1.0], [0.0, 1.0]]
+    assert curves.curve(rows, curves.restricted, window=200)[1].tolist() == [[0.1], [0.12]]
