@@ -14,7 +14,7 @@ from armgate.campaign.dask_pool import DaskPool
 from armgate.campaign.drive import Campaign, run_campaign
 from armgate.campaign.errors import CampaignError
 from armgate.campaign.local_pool import LocalPool
-from armgate.campaign.pool import Finished, Plan
+from armgate.campaign.pool import CampaignPlan, Finished
 from armgate.campaign.store import read_results
 from support.campaigns import small_campaign
 from support.ports import free_ports
@@ -111,5 +111,5 @@ def test_an_address_without_scheduler_is_one_clear_error(
     begin = time.monotonic()
     for address in (f"tcp://127.0.0.1:{free_ports(1)[0]}", "nonsense://x"):
         with pytest.raises(CampaignError, match=rf"{address}: no Dask scheduler with workers answers"):
-            DaskPool(Plan(campaign.config, campaign.basis), address, None)
+            DaskPool(CampaignPlan(campaign.config, campaign.basis), address, None)
     assert time.monotonic() - begin < 60.0

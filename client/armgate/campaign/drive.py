@@ -1,6 +1,6 @@
 """Run of a campaign: open the store, run the missing trials, write table and report."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 from armgate.campaign.basis import basis_of
 from armgate.campaign.campaign_file import CampaignConfig, load_campaign
 from armgate.campaign.claims import Checked, check_claims, check_figures
-from armgate.campaign.pool import Plan, Pool
+from armgate.campaign.pool import CampaignPlan, Plan, Pool
 from armgate.campaign.progress import progress
 from armgate.campaign.report import report_page
 from armgate.campaign.result import Result
@@ -96,34 +96,60 @@ def run_campaign(campaign: Campaign, folder: Path, make_pool: MakePool) -> Summa
     """
     with Store(folder, campaign.manifest) as store:
         missing = [trial for trial in campaign.trials if trial.key not in store]
-        interrupted = bool(missing) and _run(campaign, store, missing, make_pool)
-        if not interrupted:
-            store.complete()
-        else:
-            store.flush()
+        plan = CampaignPlan(campaign.config, campaign.basis)
+        run = MissingTrials(missing, len(campaign.trials), plan, campaign.config.attempts)
+        interrupted = run.run(store, make_pool)
         results = {key: result_of(row) for key, row in store.rows.items()}
     return _sum_up(campaign, folder, results, interrupted)
 
 
-def _run(campaign: Campaign, store: Store, missing: list[Trial], make_pool: MakePool) -> bool:
-    """Run trials; return True if the user interrupted them."""
-    by_key = {trial.key: trial for trial in missing}
-    config = campaign.config
-    plan = Plan(config, campaign.basis)
-    with (
-        progress(len(campaign.trials), len(campaign.trials) - len(missing)) as shown,
-        make_pool(plan) as pool,
-    ):
+@dataclass(frozen=True)
+class MissingTrials:
+    """Trials of a campaign that have no result yet.
 
-        def take(result: Result) -> None:
-            store.put(by_key[result.key], result)
-            shown.done(result.failed)
+    Attributes:
+        trials: These trials.
+        planned: Number of all trials.
+        plan: What the workers need.
+        attempts: Attempts of a trial whose worker ends.
+    """
 
-        try:
-            Schedule(pool, take, config.attempts, config.timeout).run(missing)
-        except KeyboardInterrupt:
+    trials: Sequence[Trial]
+    planned: int
+    plan: Plan
+    attempts: int = 3
+
+    def run(self, store: Store, make_pool: MakePool) -> bool:
+        """Run the trials, and store the results; complete the store unless the user interrupts the run.
+
+        Returns:
+            True if the user interrupted the run.
+
+        Raises:
+            CampaignError: The disk is full, or the workers are lost; the results so far are stored.
+        """
+        if self.trials and self._interrupted(store, make_pool):
+            store.flush()
             return True
-    return False
+        store.complete()
+        return False
+
+    def _interrupted(self, store: Store, make_pool: MakePool) -> bool:
+        by_key = {trial.key: trial for trial in self.trials}
+        with (
+            progress(self.planned, self.planned - len(self.trials)) as shown,
+            make_pool(self.plan) as pool,
+        ):
+
+            def take(result: Result) -> None:
+                store.put(by_key[result.key], result)
+                shown.done(result.failed)
+
+            try:
+                Schedule(pool, take, self.attempts, self.plan.timeout).run(self.trials)
+            except KeyboardInterrupt:
+                return True
+        return False
 
 
 def _sum_up(campaign: Campaign, folder: Path, results: Mapping[str, Result], interrupted: bool) -> Summary:

@@ -1,17 +1,44 @@
-"""Interface of the pools of workers, and the plan that workers receive."""
+"""Interfaces of the pools of workers and of the plans that workers receive, and the plan of a campaign."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from armgate.campaign.campaign_file import CampaignConfig
+from armgate.campaign.laboratory import Laboratory
 from armgate.campaign.result import Result
 from armgate.campaign.trials import Basis, Trial
 
 
+class Lab(Protocol):
+    """Runner of trials in a worker, which keeps what they share."""
+
+    def run(self, trial: Trial) -> Result:
+        """Run a trial; an error of the trial is a failed result.
+
+        Raises:
+            CampaignError: The campaign cannot continue.
+        """
+
+
+class Plan(Protocol):
+    """What a worker needs besides the trials; it is pickled."""
+
+    @property
+    def timeout(self) -> float:
+        """Longest time of a trial, s."""
+
+    def laboratory(self) -> Lab:
+        """Return the runner of the trials.
+
+        Raises:
+            CampaignError: This machine differs from the one of the driver.
+        """
+
+
 @dataclass(frozen=True)
-class Plan:
-    """What a worker needs besides the trials.
+class CampaignPlan:
+    """Plan of a campaign from a file; a `Plan`.
 
     Attributes:
         campaign: The campaign.
@@ -20,6 +47,20 @@ class Plan:
 
     campaign: CampaignConfig
     basis: Basis
+
+    @property
+    def timeout(self) -> float:
+        """Longest time of a trial, s."""
+        return self.campaign.timeout
+
+    def laboratory(self) -> Laboratory:
+        """Return the runner of the trials.
+
+        Raises:
+            WorkerError: Versions on this machine differ from the basis.
+            EntryError: A Python entry cannot be imported.
+        """
+        return Laboratory(self.campaign, self.basis)
 
 
 @dataclass(frozen=True)

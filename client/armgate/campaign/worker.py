@@ -8,8 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 
-from armgate.campaign.laboratory import Laboratory
-from armgate.campaign.pool import Plan
+from armgate.campaign.pool import Lab, Plan
 from armgate.campaign.result import Result
 from armgate.campaign.trials import Trial
 
@@ -23,9 +22,9 @@ def packed(plan: Plan) -> bytes:
 
 
 @lru_cache(maxsize=2)
-def _laboratory(plan: bytes) -> tuple[Plan, Laboratory]:
+def _laboratory(plan: bytes) -> tuple[Plan, Lab]:
     found: Plan = pickle.loads(plan)  # noqa: S301  (from the driver, which also sends the code to run)
-    return found, Laboratory(found.campaign, found.basis)
+    return found, found.laboratory()
 
 
 def run_trials(plan: bytes, trials: Sequence[Trial]) -> Iterator[Result]:
@@ -38,7 +37,7 @@ def run_trials(plan: bytes, trials: Sequence[Trial]) -> Iterator[Result]:
     """
     found, laboratory = _laboratory(plan)
     for trial in trials:
-        with _time_limit(found.campaign.timeout):
+        with _time_limit(found.timeout):
             result = laboratory.run(trial)
         yield result
 
