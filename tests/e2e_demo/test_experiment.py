@@ -73,7 +73,7 @@ def test_tracking(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_zoom_with_an_operator_process(tmp_path: Path) -> None:
-    (entry,) = experiment("zoom", ZOOM, tmp_path)["entries"]
+    (entry,) = experiment("zoom", ZOOM, tmp_path, "--sockets")["entries"]
     assert 0.9 <= entry["wanted_m"]["min"] < entry["wanted_m"]["max"] <= 1.1
     assert entry["quiet_share"] == 1.0
     assert entry["quiet_distance_m"] < 0.02
@@ -99,12 +99,48 @@ def test_a_wrong_file_is_reported_before_any_process_starts(tmp_path: Path) -> N
 
 
 @pytest.mark.slow
+def test_runs_in_worlds_are_kept_and_not_repeated(tmp_path: Path) -> None:
+    def started(*options: str) -> "subprocess.CompletedProcess[str]":
+        command = [
+            *ARMGATE,
+            "experiment",
+            "zoom",
+            "--file",
+            str(file),
+            "--seeds",
+            "2",
+            "--out",
+            "run",
+            *options,
+        ]
+        return subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path, timeout=300)
+
+    file = tmp_path / "zoom.yaml"
+    file.write_text(ZOOM)
+    first = started("--jobs", "2")
+    assert (first.returncode, first.stderr) == (0, "")
+    folders = [tmp_path / "run" / "zoom" / name for name in ("zoom-7", "zoom-8")]
+    kept, lost = (folder / "metrics.json" for folder in folders)
+    before, made = lost.read_bytes(), kept.stat().st_mtime_ns
+    lost.unlink()
+    again = started()
+    assert again.returncode == 0
+    assert lost.read_bytes() == before
+    assert kept.stat().st_mtime_ns == made
+    assert json.loads(before)["monitor"]["violations"] == 0
+    file.write_text(ZOOM.replace("rate: 0.1", "rate: 0.2"))
+    changed = started()
+    assert changed.returncode == 2
+    assert "experiments.zoom.rate: 0.1 before, 0.2 now" in changed.stderr
+
+
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_finished_runs(tmp_path: Path) -> None:
     file = tmp_path / "tracking.yaml"
     file.write_text(TRACKING)
     command = [*ARMGATE, "experiment", "tracking", "--file", str(file), "--seeds", "1", "--out", "run"]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
+        [*command, "--sockets"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path
     ) as process:
         assert process.stdout is not None
         assert any("1/2" in line for line in process.stdout)

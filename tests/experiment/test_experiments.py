@@ -321,7 +321,7 @@ def test_finished_runs_are_evaluated_after_any_end(
         name: load_experiment(default_file(f"experiments/{name}.yaml")) for name in ("zoom", "tracking")
     }
     first = setups["zoom"].first_seed
-    course = campaign.Campaign(scene, tmp_path, campaign.Options(seeds=3))
+    course = campaign.Campaign(scene, tmp_path, campaign.Options(seeds=3, sockets=True))
     assert course.run(setups) == ended
     together = json.loads((tmp_path / "metrics.json").read_text())
     assert (together["complete"], together["holds"]) == (False, None)

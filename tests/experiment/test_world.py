@@ -1,6 +1,8 @@
 """A trial in a world has the figures of the same trial over sockets, byte for byte."""
 
 import json
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,8 @@ import pytest
 
 from armgate.apps.default_files import default_file
 from armgate.apps.stack.fork_server import ForkServer
+from armgate.experiment import world_trial
+from armgate.experiment.lab import PlannedTrial, TrialLab, flat, plan_trials
 from armgate.experiment.paths import joystick
 from armgate.experiment.scene import Scene, build_scene, off_axis_start
 from armgate.experiment.trial_run import play
@@ -51,6 +55,52 @@ def trials(scene: Scene) -> list[Trial]:
             for seed in range(6, 11)
         ),
     ]
+
+
+def test_a_recorded_trial_is_audited_and_has_the_same_figures_again(scene: Scene, tmp_path: Path) -> None:
+    trial = Trial("approach", 2, 0.0, 1.0, start=off_axis_start(scene, 2), seconds=0.5)
+    entry = play_in_world(trial, scene, tmp_path / "a", record=True)
+    assert entry["monitor"]["violations"] == 0
+    assert entry["monitor"]["missed"] == {}
+    play_in_world(trial, scene, tmp_path / "b", record=True)
+    for name in ("series.csv", "metrics.json", "monitor.json"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_a_violation_that_the_monitor_reports_fails_the_trial(
+    scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def violated(arguments: list[str]) -> None:
+        sys.stdout.write("armgate: monitor: violated: too near\n")
+        raise SystemExit(1)
+
+    monkeypatch.setattr(world_trial, "main", violated)
+    trial = Trial("approach", 2, 0.0, 1.0, start=off_axis_start(scene, 2), seconds=0.5)
+    planned = PlannedTrial("k", "approach", "approach", 2, (), trial, tmp_path / "a")
+    result = TrialLab(scene).run(planned)
+    assert result.failed
+    assert "the monitor ended (1): armgate: monitor: violated: too near" in result.reason
+    assert not planned.done
+
+
+def test_keys_depend_on_everything_that_determines_a_trial(scene: Scene, tmp_path: Path) -> None:
+    path = tour(scene, 1, 0.5)
+    base = Trial("zoom", 3, 0.03, 1.0, path=path, zoom=DistanceRange(0.5, 1.3, 0.1))
+    others = [
+        replace(base, seed=4), replace(base, lag=0.0), replace(base, distance=1.1),
+        replace(base, predict=False), replace(base, focus=FOCUS), replace(base, path=path + 1e-9),
+        replace(base, start=np.zeros(6)),
+        replace(base, zoom=DistanceRange(0.5, 1.3, 0.2)), replace(base, pursuit=BodyPursuit("link_3", 0.5)),
+        replace(base, seconds=2.0),
+    ]  # fmt: skip
+    planned = plan_trials("zoom", [base, *others], tmp_path) + plan_trials("other", [base], tmp_path)
+    assert len({trial.key for trial in planned}) == len(planned)
+    assert plan_trials("zoom", [base], tmp_path)[0].key == planned[0].key
+
+
+def test_numbers_of_nested_figures_are_stored_flat() -> None:
+    entry = {"a": {"max": 1.5, "rms": None}, "complete": True, "pair": ["x", "y"], "n": 3, "text": "t"}
+    assert dict(flat(entry)) == {"a.max": 1.5, "complete": 1.0, "n": 3.0}
 
 
 def figures(folder: Path) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Campaign: run experiments one after the other, then write figures, pictures and pages."""
+"""Campaign: run experiments in worlds or over sockets, then write figures, pictures and pages."""
 
 import csv
 from collections.abc import Mapping, Sequence
@@ -13,8 +13,11 @@ from rich.text import Text
 from armgate.apps.errors import AppError
 from armgate.apps.stack.fork_server import ForkServer
 from armgate.apps.stack.run_folder import write_metrics
+from armgate.campaign.local_pool import LocalPool
+from armgate.campaign.result import Result
 from armgate.experiment.claims import Claim, aggregate, claims
 from armgate.experiment.experiment_file import Experiment
+from armgate.experiment.lab import PlannedTrial, plan_trials, read_entry, run_in_worlds
 from armgate.experiment.plots import Array, draw
 from armgate.experiment.progress import Progress, progress
 from armgate.experiment.report import page
@@ -34,10 +37,14 @@ class Options:
     Attributes:
         seeds: Number of leader paths or starts; None for the number in the experiment's file.
         realtime: True to run by the wall clock instead of in lock-step.
+        sockets: True to run all programs as processes, also in lock-step, instead of in worlds.
+        jobs: Number of worker processes for runs in worlds.
     """
 
     seeds: int | None = None
     realtime: bool = False
+    sockets: bool = False
+    jobs: int = 1
 
 
 @dataclass
@@ -47,12 +54,12 @@ class ExperimentRuns:
     Attributes:
         planned: Number of planned runs.
         entries: Figures of the finished runs.
-        failed: Error that ended the experiment early; None if it is complete or was interrupted.
+        failed: Reason why runs are missing; "" if the experiment is complete or was interrupted.
     """
 
     planned: int
     entries: list[dict[str, Any]] = field(default_factory=list)
-    failed: AppError | None = None
+    failed: str = ""
 
     @property
     def complete(self) -> bool:
@@ -64,8 +71,7 @@ class ExperimentRuns:
         """Reason why runs are missing; "" if the experiment is complete."""
         if self.complete:
             return ""
-        why = "interrupted" if self.failed is None else str(self.failed)
-        return f"{len(self.entries)} of {self.planned} runs, then: {why}"
+        return f"{len(self.entries)} of {self.planned} runs, then: {self.failed or 'interrupted'}"
 
 
 @dataclass
@@ -85,7 +91,18 @@ class Campaign:
     found: dict[str, list[Claim]] = field(default_factory=dict)
 
     def run(self, setups: Mapping[str, Experiment]) -> str:
-        """Run the experiments; return the reason why runs are missing, or ""."""
+        """Run the experiments; return the reason why runs are missing, or "".
+
+        Raises:
+            CampaignError: The workers or the disk failed; the results so far are stored.
+        """
+        over_sockets = self.options.sockets or self.options.realtime
+        ended = self._over_sockets(setups) if over_sockets else self._in_worlds(setups)
+        self._sum_up(ended)
+        return ended
+
+    def _over_sockets(self, setups: Mapping[str, Experiment]) -> str:
+        """Run the experiments one after the other, each program as a process."""
         fork_server = ForkServer()
         fork_server.warm()
         runs = ExperimentRuns(0)
@@ -94,8 +111,25 @@ class Campaign:
                 runs = self._experiment(name, setup, fork_server, bar)
                 if not runs.complete:
                     break
-        self._sum_up(runs.ended)
         return runs.ended
+
+    def _in_worlds(self, setups: Mapping[str, Experiment]) -> str:
+        """Run the trials of all experiments in worlds, in the processes of a pool."""
+        planned = {
+            name: plan_trials(name, trials(setup, self.scene, self.options.seeds), self.folder)
+            for name, setup in setups.items()
+        }
+        todo = [trial for trials in planned.values() for trial in trials]
+        results, _ = run_in_worlds(
+            todo, setups, self.scene, self.folder, lambda plan: LocalPool(plan, self.options.jobs)
+        )
+        ends = []
+        for name, setup in setups.items():
+            runs = _runs(planned[name], results)
+            self.found[name] = claims(name, runs.entries)
+            self._write(name, setup, runs)
+            ends.append(runs.ended)
+        return next(filter(None, ends), "")
 
     def _sum_up(self, ended: str) -> None:
         rows = [{"experiment": name, **claim.row()} for name, rows in self.found.items() for claim in rows]
@@ -112,7 +146,7 @@ class Campaign:
         try:
             self._play(name, todo, runs, fork_server, bar)
         except AppError as error:
-            runs.failed = error
+            runs.failed = str(error)
         except KeyboardInterrupt:  # between two runs; during a run it is an event
             pass
         self.found[name] = claims(name, runs.entries)
@@ -151,6 +185,18 @@ class Campaign:
     def tables(self) -> list[Table]:
         """Return the claims as tables for a terminal."""
         return [_table(name, rows) for name, rows in self.found.items()]
+
+
+def _runs(planned: Sequence[PlannedTrial], results: Mapping[str, Result]) -> ExperimentRuns:
+    """Return the runs of an experiment, from the results of its trials and the figures in their folders."""
+    runs = ExperimentRuns(len(planned))
+    for trial in planned:
+        result = results.get(trial.key)
+        if result is not None and result.failed:
+            runs.failed = runs.failed or f"{trial.run.name}: {result.reason}"
+        elif result is not None:
+            runs.entries.append(read_entry(trial))
+    return runs
 
 
 def _pictures(folder: Path, entries: Sequence[Mapping[str, Any]]) -> list[tuple[str, Path]]:

@@ -48,20 +48,39 @@ def experiment(
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Run by the wall clock instead of in lock-step.")
     ] = False,
+    sockets: Annotated[
+        bool,
+        typer.Option("--sockets", help="Run all programs as processes that are connected by sockets."),
+    ] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=1024, help="Number of worker processes (default: one per core).", show_default=False
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the run (default: runs/<time>).", show_default=False),
+        typer.Option(
+            metavar="DIR",
+            help="Folder of the run; runs that it has are kept (default: runs/<time>).",
+            show_default=False,
+        ),
     ] = None,
 ) -> None:
-    """Run the paper's experiments through the whole stack."""
-    from armgate.apps.errors import AppError
+    """Run the paper's experiments and check its claims."""
+    import os
+
+    from armgate.apps.errors import AppError, UsageError
     from armgate.apps.stack.run_folder import make_folder
     from armgate.experiment.campaign import Campaign, Options
     from armgate.experiment.scene import build_scene
 
+    if jobs is not None and (sockets or realtime):
+        raise UsageError("--jobs is for runs in worlds; expected no --sockets and no --realtime")
     setups = _setups(which, file)
     scene = build_scene((config or default_file("demo.yaml"),))
-    campaign = Campaign(scene, make_folder(out), Options(seeds, realtime))
+    options = Options(seeds, realtime, sockets, jobs or len(os.sched_getaffinity(0)))
+    campaign = Campaign(scene, make_folder(out), options)
     ended = campaign.run(setups)
     _report(campaign)
     if ended:

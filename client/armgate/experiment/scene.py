@@ -36,11 +36,13 @@ class Scene:
         configs: Configuration files of the cell.
         follower: Robot that carries the camera.
         leader: Robot whose first three joints are prismatic along the world's axes.
+        cell_hash: Hash of the cell.
     """
 
     configs: tuple[Path, ...]
     follower: Robot
     leader: Robot
+    cell_hash: str
 
     @cached_property
     def spheres(self) -> tuple[Spheres, Spheres]:
@@ -79,7 +81,7 @@ def build_scene(configs: tuple[Path, ...]) -> Scene:
     leaders = [robot for robot in cell.robots if robot not in followers[:1]]
     if not followers or not leaders:
         raise UsageError(f"cell {cell.config.name!r}: expected a robot with a camera, and another robot")
-    scene = Scene(configs, followers[0], leaders[0])
+    scene = Scene(configs, followers[0], leaders[0], cell.hash)
     _check_carriage(scene)
     return scene
 

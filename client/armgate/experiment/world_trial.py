@@ -1,19 +1,22 @@
 """Run of one trial in a world: the programs of leader, follower and operator, without processes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from armgate.apps.cli import main
 from armgate.apps.errors import AppError
 from armgate.apps.follow.loop import FollowOptions
 from armgate.apps.follow.program import FollowProgram
 from armgate.apps.lead.drive import PathProgram, bounds_of, check_path
-from armgate.apps.lead.path import parse_path
+from armgate.apps.lead.path import read_path
 from armgate.apps.lead.playback import Playback
 from armgate.apps.lead.pursuit import pursuit_program
 from armgate.apps.stack.metrics import compute
+from armgate.apps.stack.monitoring import read_report
 from armgate.apps.stack.observation import Observation
 from armgate.apps.stack.plan import FOLLOWER, LEADER
 from armgate.apps.stack.run_folder import write_metrics, write_series
@@ -21,7 +24,7 @@ from armgate.apps.zoom.schedule import DistanceSchedule, ZoomProgram
 from armgate.cell.cell import build_cell
 from armgate.cell.config import in_lockstep, load_config
 from armgate.client import State
-from armgate.client.program import Program, ProgramContext
+from armgate.client.program import Program, ProgramContext, ignore
 from armgate.experiment.figures import evaluate
 from armgate.experiment.scene import Scene
 from armgate.experiment.trial_run import OPERATOR, overlay, path_text
@@ -34,6 +37,8 @@ from armgate.world import World, WorldClient
 
 OBSERVER = "demo"
 """Name of the client that observes the run."""
+METRICS, REPORT = "metrics.json", "monitor.json"
+"""Files of a run: its figures, and the report of the monitor."""
 
 
 def play_in_world(trial: Trial, scene: Scene, folder: Path, *, record: bool = False) -> dict[str, Any]:
@@ -43,32 +48,29 @@ def play_in_world(trial: Trial, scene: Scene, folder: Path, *, record: bool = Fa
         trial: The trial.
         scene: The cell.
         folder: Folder of the results; created if it does not exist.
-        record: True to record the run in the folder.
+        record: True to record the run in the folder, and to audit the recording by the monitor.
 
     Returns:
         The figures of the trial: those of the same trial over sockets in lock-step.
 
     Raises:
-        AppError: A program failed, or its robot was stopped.
+        AppError: A program failed, its robot was stopped, or the monitor reports a violation.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    own = controllers(trial, scene)
-    if record:
-        with WorldRecorder(folder) as recorder:
-            seen, stop_distance = _observed(trial, scene, own, folder, [recorder])
-    else:
-        seen, stop_distance = _observed(trial, scene, own, folder, [])
-    figures = compute(seen, stop_distance, wall=0.0, complete=True)
-    entry = {"case": trial.case, "seed": trial.seed, **figures, **evaluate(trial, seen)}
-    write_series(folder, seen.rows)
+    (folder / "logs").mkdir(parents=True, exist_ok=True)
+    with ExitStack() as stack:
+        recorders = [stack.enter_context(WorldRecorder(folder))] if record else []
+        observer = _observed(trial, scene, folder, recorders)
+    report = audit(folder) if record else None
+    figures = compute(observer.seen, observer.stop_distance, wall=0.0, complete=True, report=report)
+    entry = {"case": trial.case, "seed": trial.seed, **figures, **evaluate(trial, observer.seen)}
+    write_series(folder, observer.seen.rows)
     write_metrics(folder, entry)
     return entry
 
 
-def _observed(
-    trial: Trial, scene: Scene, own: dict[str, Controller], folder: Path, recorders: list[WorldRecorder]
-) -> tuple[Observation, float]:
-    """Run a trial; return its observation, and the stop distance of the cell, m."""
+def _observed(trial: Trial, scene: Scene, folder: Path, recorders: Sequence[WorldRecorder]) -> "Observer":
+    """Run a trial in a world to its end; return its observer."""
+    own = controllers(trial, scene, folder)
     file = folder / "overlay.yaml"
     file.write_text(yaml.safe_dump(overlay(trial, scene), sort_keys=False), encoding="utf-8")
     cell = build_cell(in_lockstep(load_config([*scene.configs, file]), list(own)))
@@ -82,7 +84,25 @@ def _observed(
         if outcome is not None and outcome.failed:
             raise AppError(f"the {name} failed: {outcome.text}")
     run.close()
-    return observer.seen, observer.stop_distance
+    return observer
+
+
+def audit(folder: Path) -> Mapping[str, Any] | None:
+    """Audit the recording in a folder by ``armgate monitor``; return its report.
+
+    Raises:
+        AppError: The monitor reports a violation, or fails.
+    """
+    log = folder / "logs" / "monitor.log"
+    with log.open("w", encoding="utf-8") as output, redirect_stdout(output), redirect_stderr(output):
+        try:
+            main(["monitor", str(folder), "--json", str(folder / REPORT)])
+        except SystemExit as end:
+            status = end.code
+    if status:
+        last = log.read_text(encoding="utf-8").strip().rpartition("\n")[2]
+        raise AppError(f"the monitor ended ({status}): {last}; see {log}")
+    return read_report(folder)
 
 
 class Observer:
@@ -110,29 +130,31 @@ class Observer:
             self.seen.take(state.model_copy(update={"entries": entries}))
 
 
-def controllers(trial: Trial, scene: Scene) -> dict[str, Controller]:
-    """Return the participants of a trial."""
+def controllers(trial: Trial, scene: Scene, folder: Path) -> dict[str, Controller]:
+    """Return the participants of a trial, and write the leader's path."""
     found = {}
     if trial.path is not None:
-        found[LEADER] = Controller(_leader(trial, scene, trial.path), scene.leader.name)
+        found[LEADER] = Controller(_leader(trial, scene, trial.path, folder), scene.leader.name)
     found[FOLLOWER] = Controller(_follower(trial, scene), scene.follower.name)
     if trial.zoom is not None:
         found[OPERATOR] = Controller(_operator(trial, trial.zoom), role="operator")
     return found
 
 
-def _leader(trial: Trial, scene: Scene, path: Array) -> Callable[[ProgramContext], Program]:
+def _leader(trial: Trial, scene: Scene, path: Array, folder: Path) -> Callable[[ProgramContext], Program]:
     robot, pursuit = scene.leader.name, trial.pursuit
 
     def pursue(context: ProgramContext) -> Program:
         assert pursuit is not None
         body = f"{scene.follower.name}/{pursuit.body}"
-        return pursuit_program(context.cell, robot, body, pursuit.speed, _ignore)
+        return pursuit_program(context.cell, robot, body, pursuit.speed, ignore)
 
     def play(context: ProgramContext) -> Program:
-        recorded = parse_path(Path("path.csv"), path_text(scene, path))
+        file = folder / "path.csv"
+        file.write_text(path_text(scene, path), encoding="utf-8")
+        recorded = read_path(file)
         described = check_path(recorded, context.cell.description, robot)
-        return PathProgram(Playback(recorded, bounds_of(described)), _ignore)
+        return PathProgram(Playback(recorded, bounds_of(described)), ignore)
 
     return play if pursuit is None else pursue
 
@@ -149,7 +171,3 @@ def _follower(trial: Trial, scene: Scene) -> Callable[[ProgramContext], Program]
 def _operator(trial: Trial, own: DistanceRange) -> Callable[[ProgramContext], Program]:
     schedule = DistanceSchedule(own.low, own.high, trial.distance, own.rate, trial.seed)
     return lambda _context: ZoomProgram(schedule)
-
-
-def _ignore(_text: str) -> None:
-    """Print nothing."""

@@ -124,21 +124,11 @@ def read_path(file: Path) -> RecordedPath:
             data = stream.read(MAX_BYTES + 1)
         if len(data) > MAX_BYTES:
             raise PathError(file, None, f"has more than {MAX_BYTES} bytes; expected a path file")
-        text = data.decode("utf-8")
+        lines = data.decode("utf-8").splitlines()
     except OSError as error:
         raise PathError(file, None, f"cannot be read ({error.strerror}); expected a path file") from error
     except UnicodeDecodeError as error:
         raise PathError(file, None, "is not text; expected a path file in UTF-8") from error
-    return parse_path(file, text)
-
-
-def parse_path(file: Path, text: str) -> RecordedPath:
-    """Return the path in the text of a path file.
-
-    Raises:
-        PathError: The text is malformed; the error names file, line and expectation.
-    """
-    lines = text.splitlines()
     header, columns_at = _header(file, lines)
     joints, units, period = _meaning(file, header)
     expected = ",".join(("t", *joints))
