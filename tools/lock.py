@@ -46,7 +46,7 @@ DEVELOPMENT = Lock(
     "requirements-dev.lock",
     "Requirements for development and tests of this release",
     "pip install --require-hashes -r requirements-dev.lock && pip install --no-deps --editable .",
-    extras=("bench", "cell", "env", "fast", "gamepad", "lint", "plots", "sign", "test", "view"),
+    extras=("bench", "cell", "dask", "env", "fast", "gamepad", "lint", "plots", "sign", "test", "view"),
 )
 SITE = Lock(
     "tools/site/requirements.lock",

@@ -83,7 +83,7 @@ class ClaimConfig(ConfigModel):
     figure: str
     """Figure of a trial, ``failed`` included."""
     aggregate: Aggregate
-    """How the figures of the trials are combined."""
+    """Combination of the figures of the trials."""
     at_most: Number | None = None
     """Goal: the largest value."""
     at_least: Number | None = None

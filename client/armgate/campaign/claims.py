@@ -59,7 +59,7 @@ def check_claims(
         campaign: The campaign.
         trials: Its trials.
         results: Results by key.
-        complete: True if all trials have a result; otherwise no claim is said to hold.
+        complete: True if all trials have a result; otherwise a claim may fail, but none holds.
     """
     return [_check(campaign, claim, trials, results, complete) for claim in campaign.claims]
 

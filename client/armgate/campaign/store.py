@@ -154,10 +154,10 @@ class _DiskErrors:
         if isinstance(error, OSError):
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             why = "the disk is full" if full else str(error.strerror)
-            raise CampaignError(
-                f"{self._folder}: cannot be written: {why}; {self._stored()} results are stored. "
-                "Make space, and run the same command again to continue"
-            ) from error
+            what = f"{self._folder}: cannot be written: {why}; {self._stored()} results are stored"
+            if not full:
+                raise CampaignError(f"{what}. Correct this, or choose another --out") from error
+            raise CampaignError(f"{what}. Make space, and run the same command again to continue") from error
 
 
 def read_results(folder: Path) -> dict[str, Result]:

@@ -35,7 +35,7 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Basis:
-    """What determines the results besides the file of the campaign.
+    """Everything besides the file of the campaign that determines the results.
 
     Attributes:
         versions: Versions of armgate and of the libraries that compute.

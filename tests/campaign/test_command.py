@@ -1,0 +1,57 @@
+"""``armgate campaign`` on the command line: exit statuses, errors without traceback, options."""
+
+from pathlib import Path
+
+import pytest
+
+from armgate.apps.cli import main
+from support.campaigns import write_campaign
+
+
+def call(capsys: pytest.CaptureFixture[str], *words: object) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(["campaign", *map(str, words)])
+    said = capsys.readouterr()
+    return int(ended.value.code or 0), said.out, said.err
+
+
+def test_claims_decide_the_exit_status(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    claim = "claims: [{{claim: few, figure: commands, aggregate: max, at_most: {}}}]"
+    file, out = write_campaign(tmp_path, seeds=1, more=claim.format(9)), tmp_path / "out"
+    status, text, _ = call(capsys, file, "--out", out, "--jobs", 1)
+    assert status == 0
+    assert "1/1" in text
+    assert "few" in text
+    assert "holds" in text
+    write_campaign(tmp_path, seeds=1, more=claim.format(2))
+    status, text, _ = call(capsys, file, "--out", out, "--jobs", 1)
+    assert status == 1
+    assert "does not hold" in text
+    write_campaign(tmp_path, seeds=2, more=claim.format(2))
+    status, _, errors = call(capsys, file, "--out", out)
+    assert status == 2
+    assert "campaign.seeds: 1 before, 2 now" in errors
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "error"),
+    [
+        (["no.yaml"], 2, "no.yaml: "),
+        (["FILE", "--jobs", 1, "--dask", 1], 2, "at most one of --jobs, --scheduler, --dask and --trial"),
+        (["FILE", "--trial", "zz"], 2, "--trial zz: no trials have this key"),
+        (["FILE", "--jobs", 0], 2, "--jobs"),
+        (
+            ["FILE", "--out", "FILE"],
+            1,
+            "small.yaml: cannot be written: Not a directory; 0 results are stored",
+        ),
+    ],
+)
+def test_wrong_use_is_one_clear_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[object], status: int, error: str
+) -> None:
+    file = write_campaign(tmp_path, seeds=1)
+    found, _, errors = call(capsys, *[file if word == "FILE" else word for word in words])
+    assert found == status
+    assert error in " ".join(errors.replace("│", " ").split())
+    assert "Traceback" not in errors
