@@ -8,6 +8,7 @@ from armgate.audit.replay import replay_recording
 from armgate.client.program import TickProgram
 from armgate.protocol import messages as m
 from armgate.recording import Recording
+from support.cells import arms_yaml
 from support.clients import run
 
 PLANAR = "configs/planar.yaml"
@@ -133,7 +134,8 @@ def test_actions_beyond_the_space_are_decided_by_the_gate():
         ({"programs": {"P": TickProgram}}, "at least one robot without a program"),
         ({"units": "degrees"}, "units 'degrees'; expected 'share' or 'joint'"),
         ({"observation": "image"}, "observation 'image'; expected 'flat' or 'dict'"),
-        ({"repeat": 0}, "repeat: 0; expected 1"),
+        ({"repeat": 0}, "repeat: 0; expected 1 to 10000"),
+        ({"repeat": 1.5}, "repeat: 1.5; expected 1 to 10000"),
         ({"places": 0}, "places: 0; expected 1"),
         ({"spread": float("nan")}, "spread: nan; expected 0"),
         ({"render_mode": "rgb_array"}, "render_mode 'rgb_array'; expected None"),
@@ -150,6 +152,8 @@ def test_wrong_arguments_are_one_error(options, text):
     ("options", "text"),
     [
         ({"place": 32}, "place.: 32; expected 0 to 31"),
+        ({"place": True}, "place.: True; expected 0 to 31"),
+        ({"state": b"x"}, "state.: not a saved episode"),
         ({"place": "first"}, "place.: 'first'; expected 0 to 31"),
         ({"state": "saved"}, "state.: a str; expected bytes from save"),
         ({"state": b"", "place": 1}, "expected no other option beside 'state'"),
@@ -181,9 +185,10 @@ def test_programs_command_other_robots_until_they_end(arms):
     env.reset(seed=0)
     places = []
     for _ in range(300):
-        observation = env.step(np.zeros(3))[0]
+        observation, _, _, _, info = env.step(np.zeros(3))
         places.append(env.episode.arms["A"].setpoint[0])
     assert max(places) > 0.01
+    assert info["programs"] == {"A": "ended"}
     assert len(set(places[-30:])) == 1
     assert observation.shape == (3 + 3 + 3 + 1 + 3,)
     env.reset()
@@ -210,11 +215,47 @@ def test_a_saved_episode_continues_the_same_also_in_another_environment(arms):
         assert continued(again) == wanted
 
 
-def test_a_state_of_another_cell_is_refused(env):
+def test_a_state_of_an_agent_with_other_robots_is_refused(env, arms):
+    from armgate.env import CellEnv, EnvError
+
+    with pytest.raises(EnvError, match="the agent commanded A, B in another environment"):
+        CellEnv(arms, "A").reset(options={"state": env.save()})
+
+
+def test_a_state_of_another_cell_is_refused(env, tmp_path):
+    from armgate.env import CellEnv
     from armgate.world import SavedWorldError
 
+    file = tmp_path / "other.yaml"
+    file.write_text(arms_yaml(periods=(0.012, 0.004), lag=0.02))
     with pytest.raises(SavedWorldError, match="its cell is"):
-        planar().reset(options={"state": env.save()})
+        CellEnv(file).reset(options={"state": env.save()})
+
+
+def test_a_step_before_the_first_reset_is_one_error(arms):
+    import gymnasium
+
+    from armgate.env import CellEnv
+
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        CellEnv(arms).step(np.zeros(6))
+
+
+def test_a_robot_with_a_clock_of_its_own_is_an_error_at_once():
+    from armgate.env import CellEnv
+
+    with pytest.raises(TypeError, match="clock"):
+        CellEnv(["configs/demo.yaml", "configs/links/rsi-virtual.yaml"])
+
+
+def test_without_gymnasium_the_error_names_the_command_that_installs_it(monkeypatch):
+    import sys
+
+    for name in [name for name in sys.modules if name.startswith("armgate.env")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "gymnasium", None)
+    with pytest.raises(ModuleNotFoundError, match=r"gymnasium is not installed; .*pip install '\.\[env\]'"):
+        import armgate.env  # noqa: F401
 
 
 def test_an_episode_ends_if_a_robot_is_stopped():

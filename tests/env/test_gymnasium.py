@@ -69,10 +69,11 @@ def vector_run(envs, steps=45):
     return [begin, *returned]
 
 
-@pytest.mark.parametrize("observation", ["flat", "dict"])
+@pytest.mark.daily(1)
+@pytest.mark.parametrize("observation", ["dict", "flat"])
 def test_vectors_of_workers_return_the_same_as_one_process(observation):
     from gymnasium.utils.env_checker import data_equivalence
-    from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+    from gymnasium.vector import SyncVectorEnv
 
     from armgate.env import WorkerVectorEnv
 
@@ -80,11 +81,20 @@ def test_vectors_of_workers_return_the_same_as_one_process(observation):
     wanted = vector_run(SyncVectorEnv([one] * 3))
     assert wanted[-1][4]["robots"]["P"]["q"].shape == (3, 3)
     assert data_equivalence(vector_run(WorkerVectorEnv([one] * 3, workers=2)), wanted, exact=True)
-    if observation == "flat":
-        asynchronous = AsyncVectorEnv([one] * 3, context="forkserver")
-        assert data_equivalence(vector_run(asynchronous), wanted, exact=True)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("context", ["forkserver", "fork"])
+def test_gymnasiums_asynchronous_vectors_return_the_same_as_one_process(context):
+    from gymnasium.utils.env_checker import data_equivalence
+    from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+
+    one = partial(make, "Reach", places=2, max_episode_steps=20)
+    wanted = vector_run(SyncVectorEnv([one] * 2))
+    assert data_equivalence(vector_run(AsyncVectorEnv([one] * 2, context=context)), wanted, exact=True)
+
+
+@pytest.mark.slow
 def test_a_vector_without_autoreset_resets_the_environments_of_the_mask():
     from gymnasium.vector import SyncVectorEnv
 
@@ -118,6 +128,7 @@ def test_errors_in_a_worker_are_raised_and_the_vector_continues():
     envs.close()
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_one_error():
     from armgate.env import EnvError, WorkerVectorEnv
 

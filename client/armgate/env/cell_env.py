@@ -19,6 +19,7 @@ from armgate.env.places import Places
 from armgate.env.recordings import Recordings
 from armgate.env.tasks import Assessment, Free, Scene, Task
 from armgate.env.transition import Transition
+from armgate.protocol.messages import Verdict
 
 CellFiles = str | Path | Sequence[str | Path] | Cell
 """Cell of an environment: a configuration file, several (later ones are overlays), or a built cell."""
@@ -49,11 +50,11 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
 
     Attributes:
         cell: The cell.
-        episode: The current episode; its ``world`` may be inspected.
 
     Raises:
         EnvError: An argument does not fit the cell.
         ConfigError: The configuration is not valid.
+        TypeError: A robot has a clock of its own.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": []}
@@ -79,9 +80,10 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
     ) -> None:
         if render_mode is not None:
             raise EnvError(f"render_mode {render_mode!r}; expected None: record an episode and view it")
-        _check("repeat", repeat, 1, 10_000)
-        _check("places", places, 1, 100_000)
-        _check("spread", spread, 0.0, 1.0)
+        _check_count("repeat", repeat, 10_000)
+        _check_count("places", places, 100_000)
+        if not 0.0 <= spread <= 1.0:
+            raise EnvError(f"spread: {spread!r}; expected 0 to 1")
         self.render_mode = None
         self.cell = cell if isinstance(cell, Cell) else _built(cell)
         self._programs = dict(programs or {})
@@ -93,7 +95,8 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         self._places = Places(self._cast, places, spread, compiled)
         self._recordings = None if record is None else Recordings(Path(record))
         self._make_spaces(units, within, observation)
-        self.episode: Episode
+        self._places.position(0)  # kernels are compiled now, and a cell that cannot run is an error now
+        self._episode: Episode | None = None
 
     def _make_spaces(self, units: Units, within: bool, observation: Form) -> None:
         own = [self.cell.robot(name) for name in self._cast.agent]
@@ -108,6 +111,17 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
 
     def _clear_position(self, random: np.random.Generator) -> Mapping[str, Any]:
         return self._places.position(int(random.integers(self._places.count)))
+
+    @property
+    def episode(self) -> Episode:
+        """The current episode.
+
+        Raises:
+            ResetNeeded: There was no reset.
+        """
+        if self._episode is None:
+            raise gymnasium.error.ResetNeeded("no episode has begun; call reset() first")
+        return self._episode
 
     # --- gymnasium ----------------------------------------------------------------------------------------
 
@@ -132,9 +146,8 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
             self._restore(state, given, place)
         else:
             self._begin(self._place(place), given)
-        arms = self.episode.arms
-        now = Transition(self.episode.world.time, arms, np.zeros_like(self.action_space.low))
-        return self._observations.of(arms, self._task.observe()), info_of(now, self._cast.agent)
+        now = self._transition(np.zeros_like(self.action_space.low), (), Assessment(0.0))
+        return self._observations.of(now.arms, self._task.observe()), info_of(now, self._cast.agent)
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Command one increment for each tick of the step.
@@ -145,14 +158,12 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         given = self._actions.checked(action)
         wanted = self._actions.wanted(given)
         verdicts = [v for _ in range(self._repeat) for v in self.episode.step(self._actions, wanted)]
-        arms = self.episode.arms
-        found = self._task.assess(arms)
-        transition = _transition(self.episode, arms, given, tuple(verdicts), found)
-        reward = found.reward if self._reward is None else float(self._reward(transition))
-        stopped = any(arms[robot].stopped for robot in self._cast.agent)
-        observation = self._observations.of(arms, self._task.observe())
+        transition = self._transition(given, tuple(verdicts), None)
+        reward = transition.reward if self._reward is None else float(self._reward(transition))
+        stopped = any(transition.arms[robot].stopped for robot in self._cast.agent)
+        observation = self._observations.of(transition.arms, self._task.observe())
         info = info_of(transition, self._cast.agent)
-        return observation, reward, found.terminated or stopped, False, info
+        return observation, reward, transition.terminated or stopped, False, info
 
     def close(self) -> None:
         """Close the recording."""
@@ -165,13 +176,13 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
 
         The programs of other robots are saved too, so they must be picklable.
         """
-        return pickle.dumps((self.episode, self._task.state()))
+        return pickle.dumps((self._cast.agent, self._cast.driven, self.episode, self._task.state()))
 
     def _begin(self, place: int, options: Mapping[str, Any]) -> None:
         if self._recordings is None:
-            self.episode = self._places.episode(place)
+            self._episode = self._places.episode(place)
         else:
-            self.episode = self._places.recorded(place, [self._recordings.begin()])
+            self._episode = self._places.recorded(place, [self._recordings.begin()])
         self.episode.add_programs(self._programs)
         self._task.begin(self.episode.arms, self.np_random, options)
 
@@ -180,31 +191,49 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
             raise EnvError("reset: expected no other option beside 'state'")
         if self._recordings is not None:
             raise EnvError("reset: an episode that begins at a saved state cannot be recorded")
-        if not isinstance(state, bytes):
-            raise EnvError(f"reset option 'state': a {type(state).__name__}; expected bytes from save()")
-        episode, task = pickle.loads(state)  # noqa: S301 (documented: only states of trusted programs)
-        episode.resume(self.cell)
-        self.episode = episode
+        self._episode, task = _unpickled(state, self._cast)
         self._task.restore(task)
 
     def _place(self, place: object) -> int:
         if place is None:
             return int(self.np_random.integers(self._places.count)) if self._random_start else 0
-        if not isinstance(place, int) or not 0 <= place < self._places.count:
-            raise EnvError(f"reset option 'place': {place!r}; expected 0 to {self._places.count - 1}")
-        return place
+        return self._places.checked(place)
+
+    def _transition(self, action: Any, verdicts: tuple[Verdict, ...], found: Assessment | None) -> Transition:
+        """Return the step that led to the present states; the task assesses it unless ``found`` is given."""
+        episode = self.episode
+        arms = episode.arms
+        result = self._task.assess(arms) if found is None else found
+        return Transition(
+            episode.world.time,
+            arms,
+            action,
+            verdicts,
+            episode.outcomes,
+            result.measures,
+            result.reward,
+            result.terminated,
+        )
 
     def _close_recording(self) -> None:
         if self._recordings is not None:
             self._recordings.close()
 
 
-def _transition(
-    episode: Episode, arms: Mapping[str, Any], action: Any, verdicts: tuple[Any, ...], found: Assessment
-) -> Transition:
-    return Transition(
-        episode.world.time, arms, action, verdicts, found.measures, found.reward, found.terminated
-    )
+def _unpickled(state: object, cast: Cast) -> tuple[Episode, Any]:
+    """Return a saved episode, resumed, and the state of its task."""
+    if not isinstance(state, bytes):
+        raise EnvError(f"reset option 'state': a {type(state).__name__}; expected bytes from save()")
+    try:
+        agent, driven, episode, task = pickle.loads(state)  # noqa: S301 (only states of trusted programs)
+    except Exception as error:
+        raise EnvError(f"reset option 'state': not a saved episode: {error}") from error
+    if (agent, driven) != (cast.agent, cast.driven):
+        text = f"the agent commanded {', '.join(agent)} in another environment"
+        raise EnvError(f"reset option 'state': {text}")
+    assert isinstance(episode, Episode)
+    episode.resume(cast.cell)
+    return episode, task
 
 
 def _built(files: str | Path | Sequence[str | Path]) -> Cell:
@@ -228,6 +257,6 @@ def _cast(cell: Cell, robots: Sequence[str] | str | None, programs: Mapping[str,
     return Cast(cell, tuple(own), tuple(programs))
 
 
-def _check(name: str, value: float, least: float, most: float) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
-        raise EnvError(f"{name}: {value!r}; expected {least} to {most}")
+def _check_count(name: str, value: int, most: int) -> None:
+    if isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= most:
+        raise EnvError(f"{name}: {value!r}; expected 1 to {most}")

@@ -55,14 +55,14 @@ class Episode:
 
     Attributes:
         world: The world.
-        programs: Participants that command other robots; none until `add_programs`.
+        programs: Participants that command other robots, by robot; none until `add_programs`.
     """
 
     def __init__(
         self, cast: Cast, recorders: Sequence[RunRecorder] = (), compiled: bool | None = None
     ) -> None:
         self.world = World(cast.cell, cast.participants, recorders=recorders, compiled=compiled)
-        self.programs: list[Participant] = []
+        self.programs: dict[str, Participant] = {}
         self._agent = Seat(self.world, AGENT, cast.agent)
         self._robots = cast.agent
         self._slowest = max(cast.agent, key=lambda name: cast.cell.robot(name).period)
@@ -74,7 +74,7 @@ class Episode:
         """Let programs command other robots from now on."""
         for robot, make in programs.items():
             controller = Controller(make, robot)
-            self.programs.append(Participant(self.world, program_name(robot), controller, _ignore))
+            self.programs[robot] = Participant(self.world, program_name(robot), controller, _ignore)
 
     # --- copies -------------------------------------------------------------------------------------------
 
@@ -88,7 +88,7 @@ class Episode:
         assert isinstance(saved, bytes)
         self.world = World.restored(cell, saved)
         self._agent.rejoin(self.world)
-        for program in self.programs:
+        for program in self.programs.values():
             program.rejoin(self.world)
 
     # --- steps --------------------------------------------------------------------------------------------
@@ -108,10 +108,10 @@ class Episode:
                     setpoint = self._setpoints[robot][1]
                     last = self._increments[robot]
                     self._agent.send(robot, actions.increment(robot, wanted[robot], last, setpoint))
-            for program in self.programs:
+            for program in self.programs.values():
                 program.act()
             self.world.step()
-            for program in self.programs:
+            for program in self.programs.values():
                 program.take()
             verdicts += self._agent.receive()
             self._note()
@@ -125,6 +125,14 @@ class Episode:
             if entry.tick > tick or entry.robot not in self._setpoints:
                 self._increments[entry.robot] = (setpoint - last) / max(1, entry.tick - tick)
                 self._setpoints[entry.robot] = entry.tick, setpoint
+
+    @property
+    def outcomes(self) -> dict[str, str]:
+        """Outcomes of the programs in words, by robot; "" while one runs."""
+        return {
+            robot: "" if program.outcome is None else program.outcome.text
+            for robot, program in self.programs.items()
+        }
 
     @property
     def arms(self) -> dict[str, ArmState]:

@@ -21,6 +21,7 @@ def info_of(transition: Transition, robots: Sequence[str]) -> dict[str, Any]:
     ``margin``                the same, less the distance to be kept, m
     ``robots``                the same entries for each robot of the agent, and ``q`` in rad or m
     ``measures``              measures of the task
+    ``programs``              outcomes of the programs of other robots in words; "" while one runs
     ========================  ================================================================================
 
     Args:
@@ -42,6 +43,7 @@ def info_of(transition: Transition, robots: Sequence[str]) -> dict[str, Any]:
             for arm in arms
         },
         "measures": dict(transition.measures),
+        "programs": dict(transition.programs),
     }
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from armgate.env.actions import Actions
 from armgate.env.episode import Cast, Episode
+from armgate.env.errors import EnvError
 from armgate.world import RunRecorder
 
 Array = NDArray[np.float64]
@@ -44,6 +45,16 @@ class Places:
         self._actions = Actions([cast.cell.robot(name) for name in cast.agent], "joint", within=True)
         self._saved: dict[int, bytes] = {}
         self._positions: dict[int, dict[str, Array]] = {}
+
+    def checked(self, place: object) -> int:
+        """Return the number of a place.
+
+        Raises:
+            EnvError: There is no such place.
+        """
+        if not isinstance(place, int | np.integer) or isinstance(place, bool) or not 0 <= place < self.count:
+            raise EnvError(f"reset option 'place': {place!r}; expected 0 to {self.count - 1}")
+        return int(place)
 
     def episode(self, place: int) -> Episode:
         """Return a new episode that begins at a place."""

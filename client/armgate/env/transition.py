@@ -61,6 +61,7 @@ class Transition:
         arms: State of every robot of the cell after the step, by name.
         action: Action of the step, as the agent gave it.
         verdicts: Verdicts on the agent's commands in this step, in order.
+        programs: Outcomes of the programs of other robots in words, by robot; "" while one runs.
         measures: Measures of the task, such as ``distance``.
         reward: Reward of the task, before a reward function.
         terminated: True if the task has ended.
@@ -70,6 +71,7 @@ class Transition:
     arms: Mapping[str, ArmState]
     action: Array
     verdicts: tuple[Verdict, ...] = ()
+    programs: Mapping[str, str] = field(default_factory=dict)
     measures: Mapping[str, float] = field(default_factory=dict)
     reward: float = 0.0
     terminated: bool = False
