@@ -17,7 +17,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-world bench-env lock sbom clean
+.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-campaign bench-world bench-env lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -139,6 +139,9 @@ bench-monitor: $(VENV)/.installed  ## measure the cost of the monitor, and its e
 
 bench-demo: $(VENV)/.installed  ## measure the speed of the whole stack in lock-step
 	@$(BIN)/python benchmarks/bench_demo.py $(ARGS)
+
+bench-campaign: $(VENV)/.benched  ## measure campaigns on Dask: two workers against one, and losses: ARGS=10000 trials
+	@$(BIN)/python benchmarks/bench_campaign.py $(ARGS)
 
 bench-world: $(VENV)/.benched  ## measure a step of the demo cell in one process
 	@$(BIN)/python benchmarks/bench_world.py $(ARGS)

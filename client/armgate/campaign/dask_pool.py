@@ -20,6 +20,8 @@ CONNECT_TIME = 10.0
 """Timeout for the scheduler and its first worker, s."""
 LOST_TIME = 5.0
 """Time without connection to the scheduler after which it counts as lost, s."""
+COUNT_TIME = 2.0
+"""Period in which the workers are counted, s."""
 _LOOK = 0.5
 """Period in which the connection is checked, s."""
 
@@ -42,6 +44,7 @@ class DaskPool:
         self._address = scheduler
         self._cluster = None if scheduler is not None else _local_cluster(workers or 1)
         self._client = self._connect()
+        self._workers, self._counted = 1, -COUNT_TIME
         self._ended: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._batches: dict[str, Sequence[Trial]] = {}
         self._futures: dict[str, Any] = {}
@@ -49,8 +52,11 @@ class DaskPool:
 
     @property
     def workers(self) -> int:
-        """Number of threads of all workers; it grows when workers join."""
-        return max(1, sum(self._client.nthreads().values())) if self._connected else 1
+        """Number of threads of all workers, some seconds old; it grows when workers join."""
+        now = time.monotonic()
+        if self._connected and now >= self._counted + COUNT_TIME:
+            self._workers, self._counted = max(1, sum(self._client.nthreads().values())), now
+        return self._workers
 
     def submit(self, batch: Sequence[Trial]) -> None:
         """Give a batch to the workers."""
