@@ -89,6 +89,22 @@ def test_files_that_are_not_complete_are_removed(tmp_path: Path) -> None:
     assert list(tmp_path.rglob("*.tmp")) == []
 
 
+def test_results_without_their_campaign_are_refused(tmp_path: Path) -> None:
+    fill(tmp_path, [0])
+    (tmp_path / MANIFEST).unlink()
+    with pytest.raises(UsageError, match=r"holds results, but no campaign\.json; choose another --out"):
+        Store(tmp_path, MANIFEST_1)
+
+
+def test_other_files_in_the_folder_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    others = [tmp_path / "mine.tmp", tmp_path / "sub" / "results.parquet.tmp"]
+    for other in others:
+        other.write_text("mine")
+    fill(tmp_path, [0])
+    assert [other.read_text() for other in others] == ["mine", "mine"]
+
+
 def test_a_damaged_part_is_one_clear_error(tmp_path: Path) -> None:
     with Store(tmp_path, MANIFEST_1) as store:
         store.put(TRIALS[0], RESULTS[0])

@@ -4,6 +4,7 @@ Dask keeps results in its workers and the list of tasks in its scheduler, and lo
 So the driver stores each batch as soon as it ends, and the campaign is resumed from the store.
 """
 
+import importlib
 import logging
 import queue
 import time
@@ -39,7 +40,7 @@ class DaskPool:
     """
 
     def __init__(self, plan: Plan, scheduler: str | None, workers: int | None) -> None:
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # the driver reports lost workers itself
+        _silence()
         self._plan = packed(plan)
         self._address = scheduler
         self._cluster = None if scheduler is not None else _local_cluster(workers or 1)
@@ -137,6 +138,13 @@ class DaskPool:
             f"the Dask scheduler {self._address or 'of this machine'} is lost; start it and its workers, and "
             "run the same command again to continue"
         )
+
+
+def _silence() -> None:
+    """Switch off the log of Dask, after its import has set its levels: the driver reports lost workers."""
+    importlib.import_module("distributed")
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _local_cluster(workers: int) -> Any:

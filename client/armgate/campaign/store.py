@@ -124,11 +124,14 @@ class Store:
             os.close(self._lock)
 
     def _begin(self, manifest: Mapping[str, Any]) -> None:
-        for left in self.folder.rglob(f"*{TEMPORARY}"):
-            left.unlink()
+        for name in (MANIFEST, TABLE, f"{PARTS}/*.parquet"):
+            for left in self.folder.glob(f"{name}{TEMPORARY}"):
+                left.unlink()
         manifest_file = self.folder / MANIFEST
         if manifest_file.exists():
             check_manifest(manifest_file, manifest)
+        elif (self.folder / TABLE).exists() or self._parts():
+            raise UsageError(f"{self.folder}: holds results, but no {MANIFEST}; choose another --out")
         else:
             write_durably(manifest_file, json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
         self._stored = _read(self.folder)
