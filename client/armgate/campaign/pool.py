@@ -22,7 +22,7 @@ class Lab(Protocol):
 
 
 class Plan(Protocol):
-    """What a worker needs besides the trials; it is pickled."""
+    """Input of a worker besides the trials; it is pickled."""
 
     @property
     def timeout(self) -> float:

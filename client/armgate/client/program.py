@@ -125,7 +125,7 @@ class ProgramCell(Protocol):
 
 @dataclass(frozen=True)
 class ProgramContext:
-    """What a factory of programs receives, besides its own options: ``make(context, **options) -> Program``.
+    """First argument of a factory of programs: ``make(context, **options) -> Program``.
 
     Attributes:
         cell: The cell.
