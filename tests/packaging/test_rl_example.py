@@ -2,6 +2,7 @@
 
 import importlib
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +62,39 @@ def test_curves_average_the_episodes_of_each_seed_in_each_window(example):
     assert ends.tolist() == [60, 120]
     assert values.tolist() == [[0.0, 1.0], [0.0, 1.0]]
     assert curves.curve(rows, curves.restricted, window=200)[1].tolist() == [[0.1], [0.12]]
+
+
+class RandomAgent:
+    """Stand-in for an agent of stable-baselines3: random actions, and its callback after each step."""
+
+    def __init__(self, _policy, env, *, seed, **_options):
+        self.env = env
+        env.action_space.seed(seed)
+
+    def learn(self, steps, callback):
+        self.env.reset(seed=0)
+        for _ in range(steps):
+            _, _, terminated, truncated, info = self.env.step(self.env.action_space.sample())
+            done = terminated or truncated
+            callback.locals = {"infos": [info], "dones": [done]}
+            assert callback._on_step()
+            if done:
+                self.env.reset()
+
+
+def test_the_script_writes_the_episodes_of_all_agents(example, tmp_path, monkeypatch, capsys):
+    train, curves = example
+    library = types.ModuleType("stable_baselines3")
+    library.SAC = RandomAgent
+    callbacks = types.ModuleType("stable_baselines3.common.callbacks")
+    callbacks.BaseCallback = object
+    torch = types.ModuleType("torch")
+    torch.set_num_threads = lambda count: None
+    for module in (library, types.ModuleType("stable_baselines3.common"), callbacks, torch):
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(sys, "argv", ["train.py", "--steps", "110", "--seeds", "1", "--out", str(tmp_path)])
+    train.main()
+    rows = curves.read(tmp_path / "episodes.csv")
+    assert {row.reward for row in rows} == set(train.REWARDS)
+    assert all(1 <= row.length <= 100 for row in rows)
+    assert capsys.readouterr().out.count("goals reached") == 2

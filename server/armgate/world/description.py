@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from weakref import WeakKeyDictionary
 
 from armgate.cell.cell import Body, Cell, Robot
 from armgate.cell.placement import Placement
@@ -70,6 +71,21 @@ class CellDescription:
         if re is None:
             return self.description, self.frame
         return self.description.model_copy(update={"re": re}), with_re(self.frame, re)
+
+
+_of_cells: WeakKeyDictionary[Cell, CellDescription] = WeakKeyDictionary()
+
+
+def lockstep_description(cell: Cell) -> CellDescription:
+    """Return the description of a cell in lock-step, which is made once for all worlds restored in a process.
+
+    Raises:
+        ConfigError: As for `CellDescription`.
+    """
+    known = _of_cells.get(cell)
+    if known is None:
+        known = _of_cells[cell] = CellDescription(cell, lockstep=True)
+    return known
 
 
 def _check_counts(cell: Cell) -> None:

@@ -18,7 +18,7 @@ from armgate.protocol import messages as m
 from armgate.world import saving
 from armgate.world.client import WorldClient
 from armgate.world.core import Core
-from armgate.world.description import CellDescription
+from armgate.world.description import CellDescription, lockstep_description
 from armgate.world.gate_runner import GateRunner
 from armgate.world.interfaces import Client, ClientRequest
 from armgate.world.lease_changes import no_expiry
@@ -187,7 +187,7 @@ class World:
         Raises:
             SavedWorldError: The state is of another cell or version, or it is damaged.
         """
-        return cls._copy(cell, state, CellDescription(cell, lockstep=True))
+        return cls._copy(cell, state, lockstep_description(cell))
 
     def fork(self) -> "World":
         """Return a copy that shares only the cell, without recorders; `client` returns its clients.
