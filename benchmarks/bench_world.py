@@ -1,8 +1,11 @@
-"""Time of one step of the two-robot demo cell in one process, with its gate, without controllers.
+"""Time of one step of the two-robot demo cell in one process, with its gate, without and with controllers.
 
-A participant holds each robot. It moves one joint after the other back and forth, with the same increments in
-every run, and receives all states. The increments need no controller. The shares of the parts of a step are
-measured in a second run, with timers around them that slow it down.
+Without controllers, a participant holds each robot. It moves one joint after the other back and forth, with
+the same increments in every run, and receives all states. The shares of the parts of a step are measured in a
+second run, with timers around them that slow it down.
+
+With controllers, the programs of the demo run in the world: a leader that plays the inspection tour, and the
+follower with its compiled law.
 
     bench_world.py [STEPS]
 """
@@ -12,18 +15,22 @@ import math
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from time import perf_counter_ns, process_time
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
 from report import Row, report
-from scenes import demo_cell
+from scenes import CONFIGS, demo_cell
 
+from armgate.apps.follow import program as follow
+from armgate.apps.lead import drive as lead
 from armgate.gate import Gate
 from armgate.gate.decision import DecisionMaker
 from armgate.gate.reservations import Reservations
 from armgate.links.emulated.link import EmulatedLink
+from armgate.programs import Controller, WorldRun
 from armgate.protocol import messages as m
 from armgate.world import World
 from armgate.world.states import States
@@ -31,6 +38,8 @@ from armgate.world.states import States
 STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 4000
 GOAL = 0.35
 """Goal for the median step, ms."""
+PROGRAMS_GOAL = 25.0
+"""Goal for the speed with leader and follower, × real time."""
 
 WARM_UP = 300
 COPIES = 20
@@ -136,6 +145,27 @@ def steps() -> list[Row]:
     ]
 
 
+def programs() -> list[Row]:
+    """Return the speed with leader and follower."""
+    cell = demo_cell()
+    own = {
+        "leader": Controller(partial(lead.make, path=CONFIGS / "paths" / "inspection.csv"), "GR"),
+        "follower": Controller(partial(follow.make, leader="GR"), "FR"),
+    }
+    run = WorldRun(World(cell, list(own)), own)
+    for _ in range(WARM_UP):
+        run.step()
+    begin, started = process_time(), perf_counter_ns()
+    done = sum(run.step() for _ in range(STEPS))
+    wall, processor = 1e-9 * (perf_counter_ns() - started), process_time() - begin
+    simulated = done * min(robot.period for robot in cell.robots)
+    return [
+        Row("leader and follower, speed", simulated / wall, "x real time", PROGRAMS_GOAL, at_least=True),
+        Row("leader and follower, by processor time", simulated / processor, "x real time"),
+        Row("leader and follower, a step by processor time", 1e3 * processor / done, "ms"),
+    ]
+
+
 def shares() -> list[Row]:
     """Return the share of each part of a step."""
     run, parts = Run(), Parts()
@@ -159,4 +189,4 @@ def copies() -> list[Row]:
 
 if __name__ == "__main__":
     gc.freeze()
-    report("world", [*steps(), *shares(), *copies()])
+    report("world", [*steps(), *programs(), *shares(), *copies()])
