@@ -270,3 +270,11 @@ def test_a_copy_of_the_compiled_form_continues_alike_and_shares_nothing():
     copy = pickle.loads(pickle.dumps(form))
     again = [copy.find(robot, q, 3) for robot, q in steps[20:]]
     assert again == [form.find(robot, q, 3) for robot, q in steps[20:]]
+
+
+@pytest.mark.skipif(NUMPY_ONLY, reason="tests the compiled form")
+def test_constants_of_the_kernels_are_those_of_the_readable_form():
+    from armgate.gate.clearance import certificate, engines, kernels
+
+    assert kernels._GAP == certificate.GAP
+    assert kernels._TOUCHING == engines._TOUCHING

@@ -35,6 +35,7 @@ from armgate.protocol.messages import (
     Verdict,
     Welcome,
 )
+from armgate.protocol.unvalidated import unvalidated
 
 KEEPALIVE_SHARE = 1 / 3
 """Share of a lease's time to live after which a ping is sent if nothing else was sent."""
@@ -122,7 +123,7 @@ class Session:
             "tick": tick,
             "dq": _increment(dq),
         }
-        data = self._send(Command.model_construct(**fields))
+        data = self._send(unvalidated(Command, **fields))
         self._seq += 1
         return self._seq, data
 

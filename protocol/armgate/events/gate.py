@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 from armgate.events.link import Joints, LinkChange, Plan, PlanAnswer, Rebase, Tick
 
@@ -177,8 +178,7 @@ GateOutput = Verdict | Plan | Stopped | ResetAnswer | Rebase
 # --- measurements of the gate, shown in states ------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Nearest:
+class Nearest(NamedTuple):
     """Distance between two bodies at the measured positions.
 
     ``distance`` is a certified lower bound. ``points`` are the witness points (world frame, m) if a distance

@@ -170,10 +170,12 @@ class Leases:
 
     def renew(self, session: str, now: float, read_until: float | None = None) -> None:
         """Renew the session's leases that have not expired: the session sent a message."""
+        expires = now + self.ttl
         for grant in self.held_by(session):
             if (now if read_until is None else read_until) < grant.expires:
                 self._move(grant.robot, LeaseEvent.RENEW)
-                self._grants[grant.robot] = replace(grant, expires=now + self.ttl)
+                if grant.expires != expires:  # equal in lock-step, in which no lease expires
+                    self._grants[grant.robot] = replace(grant, expires=expires)
 
     def release(self, robot: str, session: str, fence: int, now: float) -> Grant | Denial:
         """Release a lease; return the grant that ended."""

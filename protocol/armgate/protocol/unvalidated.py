@@ -13,6 +13,10 @@ from armgate.protocol.messages import Message, Part
 
 M = TypeVar("M", bound=Message | Part)
 
+_set = object.__setattr__
+_DEFAULTS: dict[type, dict[str, Any]] = {}
+"""Defaults of each model that was built before."""
+
 
 def unvalidated(model: type[M], **values: object) -> M:
     """Return a message or a part of one, equal to ``model(**values)`` for valid values.
@@ -21,19 +25,14 @@ def unvalidated(model: type[M], **values: object) -> M:
     """
     message = model.__new__(model)
     # As pydantic's own `model_construct`, which is slower because it supports aliases and extra fields.
-    object.__setattr__(message, "__dict__", {**_defaults(model), **values})
-    object.__setattr__(message, "__pydantic_fields_set__", set(values))
-    object.__setattr__(message, "__pydantic_extra__", None)
-    object.__setattr__(message, "__pydantic_private__", None)
+    _set(message, "__dict__", {**(_DEFAULTS.get(model) or _defaults(model)), **values})
+    _set(message, "__pydantic_fields_set__", set(values))
+    _set(message, "__pydantic_extra__", None)
+    _set(message, "__pydantic_private__", None)
     return message
-
-
-_DEFAULTS: dict[type, dict[str, Any]] = {}
 
 
 def _defaults(model: type[BaseModel]) -> dict[str, Any]:
     """Return the default of each field, in the order of the model, because messages keep this order."""
-    known = _DEFAULTS.get(model)
-    if known is None:
-        known = _DEFAULTS[model] = {name: field.default for name, field in model.model_fields.items()}
-    return known
+    found = _DEFAULTS[model] = {name: field.default for name, field in model.model_fields.items()}
+    return found

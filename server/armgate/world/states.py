@@ -203,7 +203,8 @@ def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
     entries = tuple(
         unvalidated(m.Entry, **{name: getattr(entry, name) for name in wanted}) for entry in state.entries
     )
-    return state.model_copy(update={"entries": entries})
+    given: dict[str, Any] = {name: getattr(state, name) for name in state.model_fields_set}
+    return unvalidated(m.State, **{**given, "entries": entries})
 
 
 def _check_known(what: str, given: Sequence[str], known: Sequence[str], code: ErrorCode) -> None:

@@ -142,10 +142,13 @@ def prepare() -> None:
     places, point = np.zeros(1, np.intp), np.zeros(3)
     k.follow(cell, 0, (one, one), (places, two), one, (R[0], t[0]))
     k.lower(two, one, one, one, one, places)
-    k.stale(one, places, np.zeros(1, np.bool_))
-    k.shown(one, places, 0, places)
-    k.certify(cell, (R[0], t[0], one), (0, 0, False, False), (0.0, point, point, point), 0.0, point)
-    for compiled in (k.place, k.hold, k.slabs, k.lower, k.follow, k.stale, k.shown, k.certify):
+    tight = np.zeros(1, np.bool_)
+    k.stale(one, places, tight)
+    k.begin(one, places, places, (one, tight))
+    k.end(one, places, places, one, 0, places)
+    found, search = (0.0, point, point, point), (one, tight, one, places, 0)
+    k.certify(cell, (R[0], t[0], one), (0, 0, False, False), found, point, search)
+    for compiled in (k.place, k.hold, k.slabs, k.lower, k.follow, k.stale, k.begin, k.end, k.certify):
         compiled.disable_compile()
 
 

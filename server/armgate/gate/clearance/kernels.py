@@ -30,6 +30,9 @@ BODY = np.dtype(
 )
 PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 
+_GAP = 1e-4
+"""`certificate.GAP`: difference between bound and distance above which the second engine is queried, m."""
+
 _TOUCHING = 1e-9
 """`engines._TOUCHING`: distance up to which the witness points give no direction, m."""
 
@@ -315,6 +318,16 @@ def stale(margin, others, tight):
 
 
 @kernel
+def begin(all_margins, ids, others, search):
+    """Begin a search: fill its margins, (P,), mark none of them as tight, (P,), and return `stale`."""
+    margin, tight = search
+    for k in range(len(ids)):
+        margin[k] = all_margins[ids[k]]
+        tight[k] = False
+    return stale(margin, others, tight)
+
+
+@kernel
 def _first(margin, out):
     """`nearest_pairs._first`, of finite margins: write the places to ``out``; return their number."""
     found = 0
@@ -331,8 +344,10 @@ def _first(margin, out):
 
 
 @kernel
-def shown(margin, others, count, out):
-    """`NearestPairs._shown`: write the places, at most ``count + 2``, to ``out``; return their number."""
+def end(all_margins, ids, others, margin, count, out):
+    """End a search: store its margins; write `NearestPairs._shown` to ``out`` and return their number."""
+    for k in range(len(ids)):
+        all_margins[ids[k]] = margin[k]
     found = _first(margin, out[:count])
     for k in (_lowest(margin, range(len(margin))), _lowest(margin, others)):
         known = k < 0
@@ -354,17 +369,18 @@ def _unit(v):
 
 
 @kernel
-def certify(cell, posed, pair, found, gap, n):
-    """`Certifier._best` for one pair: return the bound of the engine's direction, and True if it is accepted.
+def certify(cell, posed, pair, found, kept, search):
+    """`Certifier._best` for one pair: measure its margin; return True if that succeeded, and `stale`.
 
-    It is accepted if the bodies are apart and the bound differs from the engine's distance by at most
-    ``gap``; ``posed`` are the poses and radii of all bodies. Then the witness points are moved to the
-    surfaces, and the direction is written to ``n``, (3,): in the frame of the first body for a pair of one
-    chain, from second to first body for a reversed pair.
+    The bound of the engine's direction is accepted if the bodies are apart and the bound differs from the
+    engine's distance by at most ``_GAP``; ``posed`` are the poses and radii of all bodies. Then the witness
+    points are moved to the surfaces, and the direction is written to ``kept``, (3,): in the frame of the
+    first body for a pair of one chain, from second to first body for a reversed pair.
     """
     a, b, chained, reversed_ = pair
     distance, p, q, normal = found
     R, t, radii = posed
+    margin, tight, limits, others, place = search
     near, far = radii[a], radii[b]
     v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
     if not distance > _TOUCHING:
@@ -375,11 +391,13 @@ def certify(cell, posed, pair, found, gap, n):
     apart = (t[b, 0] - t[a, 0], t[b, 1] - t[a, 1], t[b, 2] - t[a, 2])
     bodies = cell[2]
     lb = _dot(v, apart) - _support(cell, bodies[a], turned) - _support(cell, bodies[b], away)
-    if not (lb >= 0.0 and abs(distance - near - far - lb) <= gap):
-        return lb, False
-    kept, sign = turned if chained else v, -1.0 if reversed_ else 1.0
+    if not (lb >= 0.0 and abs(distance - near - far - lb) <= _GAP):
+        return False, place
+    n, sign = turned if chained else v, -1.0 if reversed_ else 1.0
     for i in range(3):
         p[i] += near * v[i]
         q[i] -= far * v[i]
-        n[i] = sign * kept[i]
-    return lb, True
+        kept[i] = sign * n[i]
+    margin[place] = lb - limits[place]
+    tight[place] = True
+    return True, stale(margin, others, tight)

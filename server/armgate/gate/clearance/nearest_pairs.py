@@ -8,7 +8,7 @@ near pairs need the engine.
 """
 
 from bisect import insort
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite
 
 import numpy as np
@@ -55,13 +55,17 @@ class NearestPairs:
         """
         for i, q in enumerate(measured):
             self._follow(i, q)
+        shown = self._search(robot, count)
+        return {pair: self._entry(pair, margin, points) for pair, margin, points in shown}
+
+    def _search(self, robot: int, count: int) -> Iterable[tuple[int, float, Points | None]]:
+        """Return the pairs to report with their margins, and witness points if they were measured."""
         ids = self._clearance.pairs_of[robot]
         margin = self._margin.take(ids)
         points = self._tighten(robot, margin)
         self._margin[ids] = margin
         shown = self._shown(robot, margin, count)
-        values = zip(ids[shown].tolist(), margin[shown].tolist(), map(points.get, shown), strict=True)
-        return {pair: self._entry(pair, lowest, witnesses) for pair, lowest, witnesses in values}
+        return zip(ids[shown].tolist(), margin[shown].tolist(), map(points.get, shown), strict=True)
 
     def _tighten(self, robot: int, margin: Array) -> dict[int, Points]:
         """Measure pairs until the lowest margins are measured ones; return the witness points by place."""
@@ -178,7 +182,7 @@ class NearestPairs:
     def _shown(self, robot: int, margin: Array, count: int) -> list[int]:
         """Return the places of the ``count`` lowest known margins, the lowest first, and of `_lowest`.
 
-        The compiled form is ``kernels.shown``.
+        The compiled form is in ``kernels.end``.
         """
         finite = [int(k) for k in first(margin, count) if isfinite(margin[k])]
         return list(dict.fromkeys([*finite, *self._lowest(robot, margin)]))
