@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from armgate.apps.default_files import default_file
+from armgate.apps.errors import AppError, UsageError
 from armgate.apps.stack.fork_server import ForkServer
 from armgate.experiment import world_trial
-from armgate.experiment.lab import PlannedTrial, TrialLab, flat, plan_trials
+from armgate.experiment.lab import PlannedTrial, TrialLab, flat, plan_trials, repeat
 from armgate.experiment.paths import joystick
 from armgate.experiment.scene import Scene, build_scene, off_axis_start
 from armgate.experiment.trial_run import play
@@ -81,6 +82,22 @@ def test_a_violation_that_the_monitor_reports_fails_the_trial(
     assert result.failed
     assert "the monitor ended (1): armgate: monitor: violated: too near" in result.reason
     assert not planned.done
+
+
+def test_a_repeated_trial_is_compared_with_its_run(scene: Scene, tmp_path: Path) -> None:
+    run = Trial("approach", 2, 0.0, 1.0, start=off_axis_start(scene, 2), seconds=0.5)
+    planned = plan_trials("approach", [run], tmp_path)
+    assert "there is no run" in list(repeat(planned, "approach-2", scene, tmp_path))[-1]
+    assert not TrialLab(scene).run(planned[0]).failed
+    assert "byte for byte" in list(repeat(planned, "approach-2", scene, tmp_path))[-1]
+    with (planned[0].folder / "series.csv").open("a") as file:
+        file.write("0\n")
+    with pytest.raises(AppError, match=r"series\.csv: differs from"):
+        list(repeat(planned, "approach-2", scene, tmp_path))
+    with pytest.raises(
+        UsageError, match="--trial fast-9: there is no such trial; .* approach-2"
+    ):
+        list(repeat(planned, "fast-9", scene, tmp_path))
 
 
 def test_keys_depend_on_everything_that_determines_a_trial(scene: Scene, tmp_path: Path) -> None:

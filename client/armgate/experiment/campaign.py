@@ -1,7 +1,7 @@
 """Campaign: run experiments in worlds or over sockets, then write figures, pictures and pages."""
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from armgate.campaign.local_pool import LocalPool
 from armgate.campaign.result import Result
 from armgate.experiment.claims import Claim, aggregate, claims
 from armgate.experiment.experiment_file import Experiment
-from armgate.experiment.lab import PlannedTrial, plan_trials, read_entry, run_in_worlds
+from armgate.experiment.lab import PlannedTrial, plan_trials, read_entry, repeat, run_in_worlds
 from armgate.experiment.plots import Array, draw
 from armgate.experiment.progress import Progress, progress
 from armgate.experiment.report import page
@@ -115,10 +115,7 @@ class Campaign:
 
     def _in_worlds(self, setups: Mapping[str, Experiment]) -> str:
         """Run the trials of all experiments in worlds, in the processes of a pool."""
-        planned = {
-            name: plan_trials(name, trials(setup, self.scene, self.options.seeds), self.folder)
-            for name, setup in setups.items()
-        }
+        planned = self._planned(setups)
         todo = [trial for trials in planned.values() for trial in trials]
         results, _ = run_in_worlds(
             todo, setups, self.scene, self.folder, lambda plan: LocalPool(plan, self.options.jobs)
@@ -130,6 +127,22 @@ class Campaign:
             self._write(name, setup, runs)
             ends.append(runs.ended)
         return next(filter(None, ends), "")
+
+    def repeat(self, setups: Mapping[str, Experiment], name: str) -> Iterator[str]:
+        """Run one trial again in a world, record it, and yield lines about it.
+
+        Raises:
+            UsageError: There is no trial with this name.
+            AppError: The trial failed, or it differs from the run in the folder.
+        """
+        todo = [trial for trials in self._planned(setups).values() for trial in trials]
+        yield from repeat(todo, name, self.scene, self.folder)
+
+    def _planned(self, setups: Mapping[str, Experiment]) -> dict[str, list[PlannedTrial]]:
+        return {
+            name: plan_trials(name, trials(setup, self.scene, self.options.seeds), self.folder)
+            for name, setup in setups.items()
+        }
 
     def _sum_up(self, ended: str) -> None:
         rows = [{"experiment": name, **claim.row()} for name, rows in self.found.items() for claim in rows]

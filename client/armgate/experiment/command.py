@@ -58,6 +58,14 @@ def experiment(
             min=1, max=1024, help="Number of worker processes (default: one per core).", show_default=False
         ),
     ] = None,
+    trial: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Run only this trial again, such as slow-1003, record it, and compare it with --out.",
+            show_default=False,
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -75,12 +83,16 @@ def experiment(
     from armgate.experiment.campaign import Campaign, Options
     from armgate.experiment.scene import build_scene
 
-    if jobs is not None and (sockets or realtime):
-        raise UsageError("--jobs is for runs in worlds; expected no --sockets and no --realtime")
+    if (sockets or realtime) and (jobs is not None or trial is not None):
+        raise UsageError("--jobs and --trial are for worlds; expected no --sockets and no --realtime")
     setups = _setups(which, file)
     scene = build_scene((config or default_file("demo.yaml"),))
     options = Options(seeds, realtime, sockets, jobs or len(os.sched_getaffinity(0)))
     campaign = Campaign(scene, make_folder(out), options)
+    if trial is not None:
+        for line in campaign.repeat(setups, trial):
+            typer.echo(line)
+        return
     ended = campaign.run(setups)
     _report(campaign)
     if ended:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from armgate.apps.errors import AppError, UsageError
 from armgate.campaign.basis import versions
 from armgate.campaign.drive import MakePool, MissingTrials
 from armgate.campaign.result import Result, failed
@@ -18,7 +19,7 @@ from armgate.campaign.trials import Trial as StoredTrial
 from armgate.experiment.experiment_file import Experiment
 from armgate.experiment.scene import Scene, build_scene
 from armgate.experiment.trials import Trial
-from armgate.experiment.world_trial import METRICS, play_in_world
+from armgate.experiment.world_trial import METRICS, SERIES, play_in_world
 
 TIMEOUT = 600.0
 """Longest time of a trial, s."""
@@ -151,3 +152,28 @@ def read_entry(trial: PlannedTrial) -> dict[str, Any]:
     """Return the figures of a trial that has been run."""
     entry: dict[str, Any] = json.loads((trial.folder / METRICS).read_text(encoding="utf-8"))
     return entry
+
+
+def repeat(trials: Sequence[PlannedTrial], name: str, scene: Scene, folder: Path) -> Iterator[str]:
+    """Run one trial again, in ``folder/trials``, and yield lines about it.
+
+    Raises:
+        UsageError: There is no trial with this name.
+        AppError: The trial failed, or it differs from the run in the folder of the campaign.
+    """
+    found = [trial for trial in trials if trial.run.name == name]
+    if not found:
+        some = ", ".join(trial.run.name for trial in trials[:3])
+        raise UsageError(f"--trial {name}: there is no such trial; expected one such as {some}")
+    where = folder / "trials" / name
+    shutil.rmtree(where, ignore_errors=True)
+    play_in_world(found[0].run, scene, where, record=True)
+    yield f"{where}: recording, series.csv and metrics.json; explain it with: armgate explain {where}"
+    before = found[0]
+    if not before.done:
+        yield f"there is no run in {before.folder} to compare with"
+        return
+    for file in (SERIES, METRICS):
+        if (where / file).read_bytes() != (before.folder / file).read_bytes():
+            raise AppError(f"{where / file}: differs from that of the run in {before.folder}")
+    yield f"series and figures equal those in {before.folder}, byte for byte"

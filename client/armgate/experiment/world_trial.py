@@ -37,8 +37,8 @@ from armgate.world import World, WorldClient
 
 OBSERVER = "demo"
 """Name of the client that observes the run."""
-METRICS, REPORT = "metrics.json", "monitor.json"
-"""Files of a run: its figures, and the report of the monitor."""
+METRICS, SERIES, REPORT = "metrics.json", "series.csv", "monitor.json"
+"""Files of a run: its figures, its series, and the report of the monitor."""
 
 
 def play_in_world(trial: Trial, scene: Scene, folder: Path, *, record: bool = False) -> dict[str, Any]:
