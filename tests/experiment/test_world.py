@@ -94,9 +94,7 @@ def test_a_repeated_trial_is_compared_with_its_run(scene: Scene, tmp_path: Path)
         file.write("0\n")
     with pytest.raises(AppError, match=r"series\.csv: differs from"):
         list(repeat(planned, "approach-2", scene, tmp_path))
-    with pytest.raises(
-        UsageError, match="--trial fast-9: there is no such trial; .* approach-2"
-    ):
+    with pytest.raises(UsageError, match=r"--trial fast-9: there is no such trial; .* approach-2"):
         list(repeat(planned, "fast-9", scene, tmp_path))
 
 
