@@ -17,7 +17,7 @@ PORTIONS := protocol/armgate sim/armgate server/armgate client/armgate
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-campaign bench-world bench-env lock sbom clean
+.PHONY: help install demo test test-all lint spec reference words docs docs-serve release-check pictures fuzz fuzz-valid fuzz-recordings conformance coverage adversary certificates mutants simulate simulate-bugs fuzz-meshes soak bench-gate bench-wire bench-rsi bench-record bench-view bench-control bench-monitor bench-demo bench-campaign bench-world bench-env lock sbom clean
 
 help:  ## list the commands
 	@echo "armgate: a gate between experimental controllers and robot arms"
@@ -109,6 +109,9 @@ fuzz-meshes: $(VENV)/.tested  ## try RUNS mesh files of each format, half of the
 
 simulate: $(VENV)/.tested  ## simulate the stack under faults, from SEEDS seeds: make simulate SEEDS=1000
 	@$(BIN)/python -m tools.simulate --seeds $(SEEDS) --jobs 2 $(ARGS)
+
+simulate-bugs: $(VENV)/.tested  ## find every seeded bug by simulation, each within 200 seeds
+	@$(BIN)/python -m tools.simulate --bugs --seeds 200 --jobs 2
 
 mutants: $(VENV)/.tested  ## put faults into the gate and count those that the tests catch: make mutants MUTANTS=100
 	@$(BIN)/python -m tools.mutants $(MUTANTS) --seed $(SEED) $(ARGS)

@@ -81,7 +81,7 @@ class Variant:
 
 VARIANTS = (
     Variant((0.012, 0.012), 0.0, "stop", 0.4),
-    Variant((0.004, 0.012), 0.02, "slow", 0.3),
+    Variant((0.01, 0.03), 0.02, "slow", 0.3),
     Variant((0.02, 0.02), 0.03, "stop", 0.5),
     Variant((0.1, 0.1), 0.0, "slow", 1.0),
 )

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 
 from armgate.gate import prepare
+from tools.simulate.find_bugs import find_all
 from tools.simulate.run import Result, Simulation
 from tools.simulate.shrink import shrunk
 
@@ -18,6 +19,8 @@ _LINES = 40
 def main() -> int:
     """Run simulations; return the exit status."""
     given = _parser().parse_args()
+    if given.bugs:
+        return find_all(given.seeds, given.jobs)
     logging.getLogger("asyncio").disabled = True  # clients write to connections that are lost
     prepare()
     seeds = [given.seed] if given.seed is not None else range(given.first, given.first + given.seeds)
@@ -29,6 +32,9 @@ def main() -> int:
         failed += bool(result.violations)
         if result.violations or given.seed is not None or given.verbose:
             _show(result, given.trace)
+        if result.violations and given.bug:
+            print(f"  violated: {result.violations[0][:300]}")
+            return 1
         if result.violations:
             _explain(result, given.steps, without, shrink=not given.trace)
     seconds = time.monotonic() - begin
@@ -44,6 +50,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--steps", type=int, default=1000, help="ticks of robots in each simulation")
     parser.add_argument("--jobs", type=int, default=1, help="processes that run seeds at the same time")
     parser.add_argument("--without", default="", help="numbers of faults that are left out, as in 1,4")
+    parser.add_argument("--bug", help="put this seeded bug into the sources, and end at its first violation")
+    parser.add_argument("--bugs", action="store_true", help="find every seeded bug")
     parser.add_argument("--trace", action="store_true", help="print the whole trace")
     parser.add_argument("--verbose", action="store_true", help="print a line for each seed")
     return parser
@@ -66,7 +74,8 @@ def simulate(seed: int, steps: int, without: frozenset[int] = frozenset(), keep:
 
 
 def _show(result: Result, trace: bool) -> None:
-    print(f"seed {result.seed}: {result.steps} steps, {result.mode}, {result.figures}, hash {result.digest}")
+    figures = f"{result.steps} steps, {result.mode}, {result.figures}"
+    print(f"seed {result.seed}: {figures}, hash {result.digest}", flush=True)
     if trace:
         print("\n".join(result.trace))
 

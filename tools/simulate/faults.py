@@ -34,7 +34,7 @@ class Fault:
 
 
 _CLIENT = ("cut", "block", "stall", "kill", "loss", "delay", "vanish")
-_DAEMON_KINDS = ("stall", "kill", "end", "long stall")
+_DAEMON_KINDS = ("stall", "stall", "kill", "kill", "end", "long stall", "power")
 _SERVER_KINDS = ("stall", "kill", "end", "cut", "long stall")
 _DISK = ("slow disk", "full disk", "failing sync")
 
@@ -72,6 +72,9 @@ class Faults:
         disk: Its disk.
         stack: Daemon and robot server.
         clients: Processes of the clients by name.
+
+    Attributes:
+        vanished: Hosts that are gone without a trace: their connections are not closed.
     """
 
     def __init__(
@@ -80,6 +83,7 @@ class Faults:
         self._machine, self._network, self._disk = machine, network, disk
         self._stack, self._clients = stack, clients
         self._healed = False
+        self.vanished: set[str] = set()
 
     def happen(self, fault: Fault) -> None:
         """Let a fault happen, unless all faults have ended."""
@@ -96,9 +100,11 @@ class Faults:
             self._to_disk(fault)
 
     def heal(self) -> None:
-        """End all faults for good."""
+        """End all faults for good; a machine that has vanished never returns."""
         self._healed = True
-        for route in self._network.routes.values():
+        for (source, target), route in self._network.routes.items():
+            if {source, target} & self.vanished:
+                continue
             route.loss, route.delay_ns, route.blocked_until = 0.0, 100_000, 0
         self._disk.slow_until, self._disk.sync_fails, self._disk.room = 0, False, 1 << 40
 
@@ -113,6 +119,8 @@ class Faults:
                 life.process.pause(round(10 * fault.amount * _S))
             case "kill":
                 self._stack.end_daemon(kill=True)
+            case "power":
+                self._stack.power_failure()
             case _:
                 self._stack.end_daemon(kill=False)
 
@@ -157,6 +165,7 @@ class Faults:
                 for route in self._routes(process):
                     route.delay_ns = round(fault.amount * _S / 10)
             case _:
+                self.vanished.add(process.host)
                 self._network.block(process.host, now + 3600 * _S)
                 process.kill()
 
@@ -164,6 +173,8 @@ class Faults:
         return [self._network.route(process.host, _DAEMON), self._network.route(_DAEMON, process.host)]
 
     def _to_disk(self, fault: Fault) -> None:
+        if (life := self._stack.life) is not None:
+            life.disk_trouble = True
         match fault.kind:
             case "slow disk":
                 self._disk.slow_until = self._machine.now + 2 * _S

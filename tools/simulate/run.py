@@ -15,11 +15,13 @@ from tools.simulate.clients.behaviour import (
     Observer,
     Operator,
     Participant,
+    Probe,
     RawClient,
     SdkClient,
     Setting,
     Vandal,
 )
+from tools.simulate.daemon_checks import DaemonChecks
 from tools.simulate.faults import Fault, Faults, schedule_of
 from tools.simulate.findings import Findings
 from tools.simulate.machine import interposed
@@ -27,11 +29,35 @@ from tools.simulate.machine.disk import Disk
 from tools.simulate.machine.machine import Machine, Process
 from tools.simulate.machine.network import Network
 from tools.simulate.machine.sockets import SimulatedSocket, SimulatedTimer
-from tools.simulate.stack import Stack, WatchedRobots, largest_steps
+from tools.simulate.recording_checks import RecordingChecks
+from tools.simulate.stack import Life, Stack, WatchedRobots, largest_steps
 
 _S = 1_000_000_000
-_CALM = 4.0
+_CALM = 1.2
+"""Time after the last fault in which everything recovers, s."""
+
+_PROBE = 8.0
+"""Time within which every robot can be commanded again, s."""
+
+_ACCEPTED = 3
+_LEAVE = 1.5
+"""Time in which nothing may be left of clients that are gone, s."""
+
+_EXPIRY = 0.6
+"""Time after which a lease must have expired, beyond its time to live, s."""
+
+_UNREACHABLE = 40.0
+"""Time within which the daemon notices that hosts have vanished, s."""
+
+_SLOW = 0.05
+"""Period above which a simulation waits that long, s."""
+
 _END = 12.0
+"""Time within which the daemon ends, s."""
+
+_REPLAYED = 5
+"""Every so many seeds, recordings are replayed."""
+
 _CHECK_NS = 50_000_000
 
 
@@ -75,6 +101,7 @@ class Simulation:
         self._findings = Findings(self._machine.trace)
         periods = {robot.name: robot.period for robot in self._cell.robots}
         self._setting = Setting(self._findings, lockstep, largest_steps(self._cell), periods)
+        self._daemons = DaemonChecks(self._findings, self._cell.config.server, len(self._cell.robots))
         keys = self._login() if choose.random() < 0.3 else Keys()
         self._stack = Stack(
             self._machine,
@@ -96,9 +123,9 @@ class Simulation:
         return random.Random(f"{name} {self._seed}")  # noqa: S311
 
     def _login(self) -> Keys:
-        names = ("left", "right", "op", "eye", "sdk0", "sdk1", "hand0", "hand1")
+        names = ("left", "right", "op", "eye", "sdk0", "sdk1", "hand0", "hand1", "probe")
         self._setting.tokens = {name: f"secret of {name}" for name in names}
-        roles: dict[str, Role] = {"op": "operator", "eye": "observer"}
+        roles: dict[str, Role] = {"op": "operator", "probe": "operator", "eye": "observer"}
         tokens: list[Any] = [
             Token(name=name, role=roles.get(name, "controller"), sha256=digest(secret))
             for name, secret in self._setting.tokens.items()
@@ -115,14 +142,19 @@ class Simulation:
         kinds |= {f"vandal{k}": Vandal for k in range(choose.choice((0, 0, 1, 2)))}
         self._kinds = kinds
         self._clients: dict[str, Process] = {}
+        self._starts = 0
         return list(kinds)
 
     def start_client(self, name: str) -> None:
         """Start a client, unless it runs."""
         if name in self._clients and self._clients[name].alive:
             return
-        number = list(self._kinds).index(name)
-        process = self._clients[name] = self._machine.process(name, f"10.0.0.{number + 1}")
+        number, self._starts = list(self._kinds).index(name), self._starts + 1
+        before = self._clients.get(name)
+        host = f"10.0.0.{number + 1}" if before is None else before.host
+        if host in self._faults.vanished:
+            host = f"10.0.{self._starts}.{number + 1}"
+        process = self._clients[name] = self._machine.process(name, host)
         client: RawClient | SdkClient = self._kinds[name](
             name, self._setting, self._random(f"{name} {self._machine.now}")
         )
@@ -152,7 +184,15 @@ class Simulation:
             self._machine.clear()
             if collecting:
                 gc.enable()
+        self._check_recordings()
         return self._result()
+
+    def _check_recordings(self) -> None:
+        """Check the recordings, and replay some of them."""
+        checks = RecordingChecks(self._cell, self._disk, self._findings)
+        for life in self._stack.lives:
+            if not self._over():
+                checks.check(life, replay=self._seed % _REPLAYED == 0)
 
     def _run(self) -> None:
         machine, begin = self._machine, self._machine.now
@@ -164,7 +204,7 @@ class Simulation:
         self._keep_alive()
         limit = begin + round(_S * (20.0 + 3.0 * self._steps * max(self._variant.periods)))
         machine.run(limit, lambda: self._over() or self._stack.ticks >= self._steps)
-        if not self._findings.all:
+        if not self._over():
             self._calm()
 
     def _over(self) -> bool:
@@ -181,36 +221,64 @@ class Simulation:
         self._machine.after(_CHECK_NS, self._keep_alive)
 
     def _check(self) -> None:
-        """Check bounds of memory."""
+        """Check the running daemon from inside."""
         life = self._stack.life
         if life is None:
             return
-        inside: Any = life.daemon
-        queues = inside._queues()
-        config = self._cell.config.server
-        checks = (
-            (queues["sessions"] <= config.max_connections + 128, "sessions are bounded"),
-            (queues["unread_bytes_of_one"] <= config.send_buffer + (1 << 18), "buffers are bounded"),
-            (queues.get("recorder", 0) <= 514, "the queue of the recorder is bounded"),
-        )
-        for holds, invariant in checks:
-            self._findings.check(holds, invariant, lambda: str(queues))
+        self._daemons.running(life)
+        if self._mode != "lockstep":
+            self._check_expiry(life)
+
+    def _check_expiry(self, life: Life) -> None:
+        """Check that no client holds a robot that has sent nothing for longer than the time to live."""
+        late = self._machine.now - round((self._variant.ttl + _EXPIRY) * _S)
+        if life.process.stalled_until > late:
+            return
+        for robot, (fence, wire) in self._setting.holders.items():
+            held = life.checks.fences.get(robot) == fence and wire.daemon is life.process
+            if held and wire.silent_since < late:
+                self._findings.report("leases expire", f"{robot} fence {fence}: {wire.silent_since} ns")
 
     def _calm(self) -> None:
-        """End all faults; then the stack must work, and end on a signal."""
+        """End all faults; then the stack must work, forget clients that leave, and end on a signal."""
         self._faults.heal()
         self._setting.calm = True
-        enough = self._stack.ticks + max(200, self._steps // 4)
-        self._machine.run(
-            self._machine.now + round(_CALM * _S), lambda: self._over() or self._stack.ticks >= enough
-        )
+        self._run_for(_CALM)
+        if self._mode != "lockstep":
+            self._probe()
         self._setting.over = True
+        self._run_for(_UNREACHABLE if self._vanished else _LEAVE)
+        life = self._stack.life
+        if life is None:
+            self._findings.report("the daemon runs until it is ended", "there is none in the end")
+            return
+        if self._mode != "lockstep" and (self._vanished or not self._faults.vanished):
+            self._daemons.idle(life)
         self._stack.end_daemon(kill=False)
-        self._machine.run(
-            self._machine.now + round(_END * _S), lambda: self._over() or self._stack.life is None
-        )
+        self._run_for(_END, lambda: self._stack.life is None)
         if self._stack.life is not None:
-            self._findings.report("the daemon ends", "not within 12 s")
+            self._findings.report("the daemon ends", f"not within {_END:g} s")
+
+    @property
+    def _vanished(self) -> bool:
+        """True if hosts have vanished, and ticks are slow enough to wait until the daemon notices."""
+        return bool(self._faults.vanished) and min(self._variant.periods) > _SLOW
+
+    def _probe(self) -> None:
+        """Check that every robot can be reset, acquired and commanded."""
+        process = self._machine.process("probe", "10.0.0.99")
+        probe = Probe("probe", self._setting, self._random("probe"))
+        with self._machine.inside(process):
+            main = probe.run()
+        process.start(main)
+        self._run_for(_PROBE, lambda: min(probe.accepted.values()) >= _ACCEPTED)
+        if min(probe.accepted.values()) < _ACCEPTED and not self._over():
+            self._findings.report("the stack works after faults", f"{probe.accepted}")
+
+    def _run_for(self, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
+        enough = self._stack.ticks + max(200, self._steps // 4) if self._mode == "lockstep" else 1 << 62
+        until = self._machine.now + round(seconds * _S)
+        self._machine.run(until, lambda: self._over() or done() or self._stack.ticks >= enough)
 
     def _result(self) -> Result:
         violations = [

@@ -48,6 +48,8 @@ class Life:
         checks: Checks of its gate.
         events: Every event of the gate with the machine's time, ns.
         asked: True if a signal to end was sent.
+        disk_trouble: True if the disk was slow, full or failed, or lost its power.
+        ended_at: Time of its end, ns.
     """
 
     folder: Path | None
@@ -58,6 +60,7 @@ class Life:
     events: list[tuple[int, e.GateEvent]] = field(default_factory=list)
     asked: bool = False
     disk_trouble: bool = False
+    ended_at: int = 0
 
 
 class Stack:
@@ -160,7 +163,7 @@ class Stack:
             self._findings.report("the daemon does not fail", failure)
 
     def _gone(self) -> None:
-        self._ended_at = self._machine.now
+        self._ended_at = self.lives[-1].ended_at = self._machine.now
         self.robots.abandoned = self._machine.now
         if not self.has_server:
             self.robots.forget()
@@ -187,6 +190,14 @@ class Stack:
     @property
     def _lockstep(self) -> bool:
         return self._cell.config.clock.kind == "lockstep"
+
+    def power_failure(self) -> None:
+        """End daemon and robot server at once, and lose what was not synced."""
+        if (life := self.life) is not None:
+            life.disk_trouble = True
+        self.end_daemon(kill=True)
+        self.end_server(kill=True)
+        self._disk.power_failure()
 
     # --- the robot server -----------------------------------------------------------------------------------
 

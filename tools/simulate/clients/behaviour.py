@@ -25,6 +25,7 @@ class Setting:
         lockstep: True if the daemon runs in lock-step.
         steps: Largest increment of each robot's joints, rad.
         tokens: Secrets by the name of the client; empty without login.
+        holders: Latest lease of each robot that a raw client was granted, and its connection.
         over: True once clients must end.
         calm: True once clients do nothing unusual any more.
     """
@@ -34,6 +35,7 @@ class Setting:
     steps: dict[str, Sequence[float]]
     periods: dict[str, float]
     tokens: dict[str, str] = field(default_factory=dict)
+    holders: dict[str, tuple[int, Wire]] = field(default_factory=dict)
     over: bool = False
     calm: bool = False
 
@@ -72,7 +74,9 @@ class RawClient:
         """Connect, act, and connect again until the end."""
         loop = asyncio.get_running_loop()
         while not self.setting.over:
-            self.wire = Wire(self.name, self.setting.findings, self._take, lockstep=self.setting.lockstep)
+            self.wire = Wire(
+                self.name, self.setting.findings, self._take, self._granted, lockstep=self.setting.lockstep
+            )
             try:
                 async with asyncio.timeout(3.0):
                     await loop.create_connection(lambda: self.wire, *ADDRESS)
@@ -109,6 +113,9 @@ class RawClient:
     def act(self) -> None:
         """Do one thing."""
 
+    def _granted(self, wire: Wire, lease: m.Lease) -> None:
+        self.setting.holders[lease.robot] = lease.fence, wire
+
     def _take(self, message: m.Message) -> None:
         if isinstance(message, m.Welcome):
             self.welcomed()
@@ -131,6 +138,11 @@ class RawClient:
         """Send a ping, whose time is its number."""
         self._pinged += 1.0
         self.wire.ask(m.Ping(time=self._pinged))
+
+    def stops(self) -> list[int]:
+        """Return the stops in force, as the latest states show them."""
+        entries = [entry for state in self.wire.states.values() for entry in state.entries]
+        return sorted({stop for entry in entries for stop in entry.stops or ()})
 
     def any_robot(self) -> str:
         """Return a robot."""
@@ -203,13 +215,14 @@ class Participant(Controller):
         self._step = -1
 
     def take(self, message: m.Message) -> None:
-        """Command the robots that ticked, then end the step with a pass."""
-        if isinstance(message, m.State) and message.step is not None and message.step > self._step:
-            self._step = message.step
-            for robot, fence in list(self.wire.held.items()):
-                entry = next((entry for entry in message.entries if entry.robot == robot), None)
-                if entry is not None and self.rng.random() < 0.95:
-                    self.command(robot, fence, entry.tick)
+        """Command the robots that ticked; a participant that holds no robot, or skips a tick, passes."""
+        if not isinstance(message, m.State) or message.step is None:
+            return
+        first, self._step = message.step > self._step, message.step
+        robot = message.robot
+        if robot in self.wire.held and self.rng.random() < 0.95:
+            self.command(robot, self.wire.held[robot], message.tick)
+        elif robot in self.wire.held or (first and not self.wire.held):
             self.wire.send(m.Pass(step=message.step))
 
 
@@ -222,14 +235,9 @@ class Operator(RawClient):
     def act(self) -> None:
         """Reset a stop if one is in force."""
         roll = self.rng.random()
-        stops = {
-            stop
-            for state in self.wire.states.values()
-            for entry in state.entries
-            for stop in entry.stops or ()
-        }
+        stops = self.stops()
         if stops and roll < 0.7:
-            self.wire.ask(m.Reset(stop=self.rng.choice(sorted(stops))))
+            self.wire.ask(m.Reset(stop=self.rng.choice(stops)))
         elif roll < 0.8 or self.setting.calm:
             self.ping()
         elif roll < 0.83:
@@ -260,12 +268,45 @@ class Observer(RawClient):
         roll = self.rng.random()
         if self.setting.calm or roll < 0.4:
             self.wire.resume()
+            if self.setting.calm and self.wire.complete_since is None:
+                self.wire.complete_since = asyncio.get_running_loop().time()
         elif roll < 0.6:
             self.wire.pause()
         elif roll < 0.8:
             self.ping()
         elif roll < 0.85:
             self.wire.ask(m.Acquire(robot=self.any_robot()))
+
+
+class Probe(RawClient):
+    """Operator that shows in the end that every robot can be reset, acquired and commanded.
+
+    Attributes:
+        accepted: Number of commands for each robot that the gate has decided about.
+    """
+
+    role: m.Role = "operator"
+    pause = (0.05, 0.1)
+
+    def __init__(self, name: str, setting: Setting, rng: random.Random) -> None:
+        super().__init__(name, setting, rng)
+        self.accepted = dict.fromkeys(setting.steps, 0)
+
+    def act(self) -> None:
+        """Reset stops, and acquire what is not held."""
+        for stop in self.stops():
+            self.wire.ask(m.Reset(stop=stop))
+        for robot in self.setting.steps:
+            if robot not in self.wire.held:
+                self.wire.ask(m.Acquire(robot=robot, takeover=True))
+
+    def take(self, message: m.Message) -> None:
+        """Command the robots, and count what the gate has decided about."""
+        if isinstance(message, m.State) and message.robot in self.wire.held:
+            fence = self.wire.held[message.robot]
+            self.command(message.robot, fence, message.tick, (0.0,) * len(self.setting.steps[message.robot]))
+        elif isinstance(message, m.Verdict) and message.target is not None:
+            self.accepted[message.robot] += 1
 
 
 class Vandal(RawClient):
@@ -300,10 +341,10 @@ class Vandal(RawClient):
         )
         match self.rng.randrange(6):
             case 0:
-                self.wire.send_bytes(self.rng.randbytes(self.rng.randint(1, 200)))
+                self.wire.mangle(self.rng.randbytes(self.rng.randint(1, 200)))
             case 1:
                 data = encode(message)
-                self.wire.send_bytes(data[: self.rng.randint(1, len(data))])
+                self.wire.mangle(data[: self.rng.randint(1, len(data))])
             case 2 | 3 | 4:
                 self._flood(message)
             case _:

@@ -9,6 +9,18 @@ from armgate.protocol import Connection, LocalProtocolError, Refusal, Side, enco
 from armgate.protocol import messages as m
 from tools.simulate.findings import Findings
 
+_SETTLED = 1.0
+"""Time after which a client that reads has caught up, s."""
+
+_STEPS = 10
+"""Steps of lock-step after which a command has its verdict: longer than the longest period of a robot."""
+
+
+def _interrupted(before: m.State, state: m.State) -> bool:
+    """Return True if the robot's link was not ready between two states, as far as they show."""
+    links = [entry.link for one in (before, state) for entry in one.entries if entry.robot == state.robot]
+    return any(link != "ready" for link in links)
+
 
 class Wire(asyncio.Protocol):
     """Connection of one raw client.
@@ -17,6 +29,7 @@ class Wire(asyncio.Protocol):
         name: Name of the client, for violations.
         findings: Receives violations.
         take: Called with every message.
+        granted: Called with every lease that is granted.
         lockstep: True if the daemon runs in lock-step.
 
     Attributes:
@@ -25,12 +38,21 @@ class Wire(asyncio.Protocol):
         fences: Fences that this connection was granted, by robot.
         held: Fence of each robot that the client holds, as far as it knows.
         states: Latest state of each robot.
+        mangled: True if bytes were sent that are not messages: later messages may be unreadable.
+        complete_since: Time since which no state may be missing, s; None if states may be missing.
     """
 
     def __init__(
-        self, name: str, findings: Findings, take: Callable[[m.Message], None], *, lockstep: bool
+        self,
+        name: str,
+        findings: Findings,
+        take: Callable[[m.Message], None],
+        granted: Callable[["Wire", m.Lease], None],
+        *,
+        lockstep: bool,
     ) -> None:
         self._name, self._findings, self._take, self._lockstep = name, findings, take, lockstep
+        self._report_granted = granted
         self._connection = Connection(Side.CLIENT)
         self._commands: dict[str, deque[int]] = {}
         self._pings: dict[float, int] = {}
@@ -45,6 +67,10 @@ class Wire(asyncio.Protocol):
         self.stops: dict[int, m.Stopped] = {}
         self.welcomed = False
         self.got: dict[str, int] = {}
+        self.mangled = False
+        self._expected: dict[int, int] = {}
+        self._every: dict[str, int] = {}
+        self.complete_since: float | None = None
 
     # --- sending --------------------------------------------------------------------------------------------
 
@@ -75,8 +101,14 @@ class Wire(asyncio.Protocol):
         if self.open:
             self._transport.write(data)
 
+    def mangle(self, data: bytes) -> None:
+        """Send bytes that are not messages."""
+        self.mangled = True
+        self.send_bytes(data)
+
     def pause(self) -> None:
         """Read no more."""
+        self.complete_since = None
         if self.open:
             self._transport.pause_reading()
 
@@ -105,6 +137,7 @@ class Wire(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Keep the transport."""
         self._transport, self.open = transport, True
+        self._other_end: Any = transport.get_extra_info("socket")._sock.peer
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Note the end."""
@@ -140,6 +173,8 @@ class Wire(asyncio.Protocol):
                 self._state(message)
             case m.Lease():
                 self._lease(message)
+            case m.Subscribed():
+                self._every = dict.fromkeys(message.robots, message.every)
             case m.Pong():
                 self._pong(message)
             case m.Stopped():
@@ -154,6 +189,8 @@ class Wire(asyncio.Protocol):
         self._take(message)
 
     def _verdict(self, verdict: m.Verdict) -> None:
+        if self.mangled:
+            return
         waiting = self._commands.get(verdict.robot, deque())
         expected = waiting.popleft() if waiting else None
         self._check(expected == verdict.seq, "one verdict per command, in order", (expected, verdict))
@@ -179,7 +216,18 @@ class Wire(asyncio.Protocol):
                 self._check(
                     other.tick >= one.tick, "entries are monotonic", (one.robot, one.tick, other.tick)
                 )
+        every = self._every.get(state.robot)
+        complete = self.complete_since is not None and state.tick > 0
+        if complete and every and before is not None and newer and not again:
+            now = asyncio.get_running_loop().time()
+            if now > (self.complete_since or now) + _SETTLED and not _interrupted(before, state):
+                gap = (before.tick, state.tick, every, state.robot)
+                self._check(state.tick == before.tick + every, "states are complete", gap)
         self.states[state.robot] = state
+        if state.step is not None:
+            self._expected[state.step] = self._newest
+            if (newest := self._expected.pop(state.step - _STEPS, None)) is not None:
+                self._check_answered(newest, ("step", state.step))
 
     def _lease(self, lease: m.Lease) -> None:
         known = self.fences.setdefault(lease.robot, set())
@@ -187,10 +235,21 @@ class Wire(asyncio.Protocol):
             self._check(all(lease.fence > other for other in known), "fences grow", (lease, known))
             known.add(lease.fence)
             self.held[lease.robot] = lease.fence
+            self._report_granted(self, lease)
         else:
             self._check(lease.fence in known, "leases end once granted", (lease, known))
             if self.held.get(lease.robot) == lease.fence:
                 del self.held[lease.robot]
+
+    @property
+    def silent_since(self) -> int:
+        """Time at which data of this client last arrived at the daemon, ns."""
+        return int(self._other_end.received_at)
+
+    @property
+    def daemon(self) -> Any:
+        """Process of the daemon."""
+        return self._other_end.process
 
     def _stopped(self, stopped: m.Stopped) -> None:
         if stopped.replaces is not None:
@@ -199,11 +258,17 @@ class Wire(asyncio.Protocol):
 
     def _pong(self, pong: m.Pong) -> None:
         """By the wall clock, all commands before a ping have their verdicts when its pong arrives."""
+        if self.mangled:
+            return
         newest = self._pings.pop(pong.time, None)
         self._check(newest is not None, "one pong per ping", pong)
         if newest is not None and not self._lockstep:
-            late = [seq for seqs in self._commands.values() for seq in seqs if seq <= newest]
-            self._check(not late, "a verdict for each command", (pong, late))
+            self._check_answered(newest, pong)
+
+    def _check_answered(self, newest: int, seen: object) -> None:
+        """Check that all commands up to a number have their verdicts."""
+        late = [seq for seqs in self._commands.values() for seq in seqs if seq <= newest]
+        self._check(not late, "a verdict for each command", (seen, late))
 
     def _check(self, holds: bool, invariant: str, seen: object) -> None:
         if not holds:

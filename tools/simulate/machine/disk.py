@@ -17,6 +17,7 @@ from armgate.recording.chain import Signer
 from tools.simulate.machine.machine import Machine, Process
 
 _AT_ONCE = 64
+_BLOCK = 512
 _ITEM_NS = 20_000
 """Processor time of the worker per record, ns."""
 
@@ -69,10 +70,14 @@ class Disk:
         self.room, self.sync_fails = 1 << 40, False
 
     def power_failure(self) -> None:
-        """Keep what was synced, and a random part of the rest."""
+        """Keep what was synced, and a random part of the rest, in which a block may be missing."""
         for file in self.files.values():
             kept = self._random.randint(file.synced, len(file.data))
             del file.data[kept:]
+            if kept > file.synced and self._random.random() < 0.5:
+                hole = self._random.randint(file.synced, kept - 1)
+                length = min(_BLOCK, kept - hole)
+                file.data[hole : hole + length] = bytes(length)
             file.synced = kept
 
     def _write(self, descriptor: int, data: bytes) -> int:

@@ -31,6 +31,7 @@ class Process:
         name: Name for the trace.
         loop: Its event loop.
         host: Address of its machine in the network.
+        stalled_until: End of its last pause, ns.
         alive: True until it ends or is killed.
         result: Result of the coroutine; None if it was killed or has failed.
         error: Exception of the coroutine.
@@ -41,13 +42,14 @@ class Process:
         self.name, self.host, self.machine = name, host, machine
         self.loop = SimulatedLoop(self)
         self.alive = True
-        self.busy_until = 0
+        self.busy_until = self.stalled_until = 0
         self.sockets: dict[int, Any] = {}
         self.result: Any = None
         self.error: BaseException | None = None
         self.leaked: list[str] = []
         self.on_exit: Callable[[Process], None] = lambda _: None
         self._main: asyncio.Task[Any] | None = None
+        self._over = False
 
     def start(self, main: Coroutine[Any, Any, Any]) -> None:
         """Run a coroutine; the process ends with it."""
@@ -62,6 +64,7 @@ class Process:
     def pause(self, ns: int) -> None:
         """Let the process do nothing for some time, like one that is swapped out."""
         self.busy_until = max(self.busy_until, self.machine.now) + ns
+        self.stalled_until = self.busy_until
 
     def signal(self, number: int) -> None:
         """Send a signal; without a handler it kills the process."""
@@ -81,16 +84,20 @@ class Process:
                 sock.close()
 
     def _ended(self, task: "asyncio.Task[Any]") -> None:
-        # The loop ends after this turn, like `asyncio.run`.
         if task.cancelled():
             self.error = asyncio.CancelledError()
         else:
             self.error = task.exception()
             self.result = None if self.error is not None else task.result()
         self.leaked = [repr(other) for other in self.loop.tasks if other is not task and not other.done()]
-        self.machine.trace("exit", self.name, repr(self.error), repr(self.result))
-        self.kill()
-        self.on_exit(self)
+        self._over = True
+
+    def exit_if_over(self) -> None:
+        """End the process if its coroutine has ended; called after each turn."""
+        if self._over and self.alive:
+            self.machine.trace("exit", self.name, repr(self.error), repr(self.result))
+            self.kill()
+            self.on_exit(self)
 
 
 class Machine:
@@ -239,4 +246,5 @@ class Machine:
         self._call_ns = 1_000 if self._random.random() < 0.98 else 300_000
         with self.inside(process):
             process.loop.turn()
+        process.exit_if_over()
         process.busy_until = max(process.busy_until, self.now + self._random.randint(*_TURN_NS))

@@ -119,6 +119,7 @@ class Pipe:
             self._back(self.source.broken)
             return
         self.received += data
+        self.target.received_at = self._machine.now
         self.target.changed()
         count = len(data)
         self._back(lambda: self._acknowledge(count))
@@ -154,6 +155,7 @@ class SimulatedSocket:
 
     Attributes:
         network: The network, set while a simulation runs.
+        received_at: Time at which data last arrived, ns.
     """
 
     network: ClassVar[Network]
@@ -183,6 +185,7 @@ class SimulatedSocket:
     def _open_in(self, process: Process) -> None:
         self.process, self.host = process, process.host
         self._number = self.network.descriptor()
+        self.received_at = self.network.machine.now
         process.sockets[self._number] = self
         process.loop.selector.files[self._number] = self
         self.network.sockets[self._number] = self
@@ -201,6 +204,11 @@ class SimulatedSocket:
             return 0
         events = selectors.EVENT_READ if self._in.received or self._in.ended else 0
         return events | (selectors.EVENT_WRITE if self._out.writable else 0)
+
+    @property
+    def peer(self) -> "SimulatedSocket | None":
+        """The other end of the connection."""
+        return None if self._out is None else self._out.target
 
     def changed(self) -> None:
         """Let the selector look at this socket again."""

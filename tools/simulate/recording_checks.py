@@ -1,0 +1,80 @@
+"""Checks of recordings: they hold every event but the permitted tail, and replay bit for bit."""
+
+import tempfile
+from pathlib import Path
+
+from armgate.audit.recover import recover_recording
+from armgate.audit.replay import replay_recording
+from armgate.cell.cell import Cell
+from armgate.daemon.recording.recorder import FLUSH
+from armgate.events import GateEvent
+from armgate.recording import Gap, Recording, RecordingError, Step
+from tools.simulate.findings import Findings
+from tools.simulate.machine.disk import Disk
+from tools.simulate.stack import Life
+
+_TAIL_NS = round(1e9 * (FLUSH + 0.08))
+"""Longest time of a run that may be lost if the daemon is killed, ns: two flushes and the worker's poll."""
+
+
+class RecordingChecks:
+    """Checks of the recordings of one simulation.
+
+    Args:
+        cell: The cell.
+        disk: The disk.
+        findings: Receives violations.
+    """
+
+    def __init__(self, cell: Cell, disk: Disk, findings: Findings) -> None:
+        self._cell, self._disk, self._findings = cell, disk, findings
+
+    def check(self, life: Life, *, replay: bool) -> None:
+        """Check the recording of one life of a daemon."""
+        if life.folder is None or not life.events:
+            return
+        with tempfile.TemporaryDirectory(prefix="armgate-simulation-") as name:
+            folder = Path(name)
+            for path, file in self._disk.files.items():
+                if path.parent == life.folder:
+                    (folder / path.name).write_bytes(file.data)
+            try:
+                self._check(life, folder, replay)
+            except RecordingError as error:
+                self._report(life, repr(error))
+
+    def _check(self, life: Life, folder: Path, replay: bool) -> None:
+        clean = life.process.result == 0
+        last = life.ended_at - (0 if clean else _TAIL_NS)
+        needed = 0 if life.disk_trouble else sum(at < last for at, _ in life.events)
+        if not clean:
+            try:
+                recover_recording(folder)
+            except RecordingError:
+                if needed:
+                    raise
+                return
+        items = [item for _, item in Recording.open(folder).items()]
+        steps = [item for item in items if isinstance(item, Step)]
+        gaps = sum(item.steps for item in items if isinstance(item, Gap))
+        if not all(_same(step.event, event) for step, (_, event) in zip(steps, life.events, strict=False)):
+            if not gaps:
+                self._report(life, "the events are not those of the gate")
+            return
+        if len(steps) + gaps < needed:
+            self._report(life, f"{len(steps)} of {len(life.events)} events, {gaps} in gaps; needed {needed}")
+        elif replay and not gaps:
+            self._replay(life, folder)
+
+    def _replay(self, life: Life, folder: Path) -> None:
+        result = replay_recording(Recording.open(folder), self._cell)
+        if result.count:
+            self._report(life, f"the replay differs: {result.differing[:2]}")
+
+    def _report(self, life: Life, text: str) -> None:
+        self._findings.report("recordings are complete", f"{life.folder}: {text}")
+
+
+def _same(one: GateEvent, other: GateEvent) -> bool:
+    """Return True if two events are equal; NaN equals itself here."""
+    return one == other or repr(one) == repr(other)
