@@ -105,10 +105,10 @@ BUGS = (
 """,
     ),
     Bug(
-        "states sent out of order",
+        "states at another rate than subscribed",
         f"{_WORLD}/states.py",
-        "    return {robot: state for robot, state in waiting.items() if robot not in newer} | newer\n",
-        "    return newer | waiting\n",
+        "return robot in self.robots and tick % self.every == 0",
+        "return robot in self.robots and (tick % self.every == 0 or tick % 7 == 3)",
     ),
     Bug(
         "record lost without a gap",
@@ -160,12 +160,6 @@ BUGS = (
         "server/armgate/gate/command_checks.py",
         "    if age > max_age:\n",
         "    if age > 3 * max_age:\n",
-    ),
-    Bug(
-        "plans of a former daemon answered for the new one",
-        f"{_LINKS}/robot_server/client.py",
-        "        if report.resets != self._resets:\n            return None\n",
-        "",
     ),
     Bug(
         "signals of clients that are gone kept",

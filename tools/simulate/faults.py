@@ -34,7 +34,7 @@ class Fault:
 
 
 _CLIENT = ("cut", "block", "stall", "kill", "loss", "delay", "vanish")
-_DAEMON_KINDS = ("stall", "stall", "kill", "kill", "end", "long stall", "power")
+_DAEMON_KINDS = ("stall", "stall", "kill", "kill", "end", "long stall", "power", "power")
 _SERVER_KINDS = ("stall", "kill", "end", "cut", "long stall")
 _DISK = ("slow disk", "full disk", "failing sync")
 

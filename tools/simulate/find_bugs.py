@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 from tools.simulate.bugs import BUGS, Bug
 
-STEPS = 400
+STEPS = 300
 """Ticks of each simulation."""
 
 _FOUND = re.compile(r"^seed (\d+):.*\n  violated: (.*)$", re.MULTILINE)

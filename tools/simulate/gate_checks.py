@@ -13,6 +13,9 @@ from tools.simulate.cells import KEPT, clearance
 from tools.simulate.findings import Findings
 
 _ROUNDING = 1e-9
+_SEPARATED = 3
+"""Every so many plans, the clearance while both robots come to rest is checked."""
+
 _NEAR = 1e-6
 """Tolerance of distances, m: the rounding of both models."""
 
@@ -27,6 +30,7 @@ class GateChecks:
         cell: The cell.
         findings: Receives violations.
         seen: Called with every event and its outputs.
+        attached: Returns the number of connections of daemons to the robot server; 0 if there is none.
     """
 
     def __init__(
@@ -35,8 +39,9 @@ class GateChecks:
         cell: Cell,
         findings: Findings,
         seen: Callable[[e.GateEvent, list[e.GateOutput]], None],
+        attached: Callable[[], int],
     ) -> None:
-        self._gate, self._findings, self._seen = gate, findings, seen
+        self._gate, self._findings, self._seen, self._attached = gate, findings, seen, attached
         self._max_age = cell.config.max_age_ticks
         self._limits = {robot.name: robot for robot in cell.robots}
         self._fences: dict[str, int | None] = {robot.name: None for robot in cell.robots}
@@ -47,7 +52,7 @@ class GateChecks:
         self._ticks: dict[str, e.Tick] = {}
         self._held: dict[str, e.Plan] = {}
         self._offered: dict[tuple[str, e.PlanKey], e.Plan] = {}
-        self.ticks = 0
+        self.ticks = self._accepted = 0
 
     def step(self, event: e.GateEvent) -> list[e.GateOutput]:
         """Process one event, and check it with its outputs."""
@@ -63,7 +68,7 @@ class GateChecks:
             case e.PlanAnswer():
                 self._answer(event)
             case e.LinkChange():
-                self._ready[event.robot] = event.state is e.LinkState.READY
+                self._link(event)
             case e.Stop() | e.Reset():
                 pass
         for output in outputs:
@@ -77,6 +82,7 @@ class GateChecks:
                     self._stops.pop(-1 if output.lifted is None else output.lifted, None)
                 case e.Rebase():
                     self._held.pop(output.robot, None)
+                    self._armed[output.robot] = True
                 case _:
                     pass
         return outputs
@@ -152,13 +158,23 @@ class GateChecks:
         self._check(fresh, "commands name a recent tick", text)
         self._check(all(map(math.isfinite, command.dq)), "commands are finite", text)
 
+    def _link(self, change: e.LinkChange) -> None:
+        self._ready[change.robot] = ready = change.state is e.LinkState.READY
+        if not ready:
+            self._armed[change.robot] = False
+        elif self._attached() > 1:
+            text = lambda: f"{change} to connection {self._attached()} without a reset"  # noqa: E731
+            self._check(self._armed[change.robot], "links never re-arm by themselves", text)
+
     # --- plans ----------------------------------------------------------------------------------------------
 
     def _answer(self, answer: e.PlanAnswer) -> None:
         plan = self._offered.pop((answer.robot, answer.key), None)
         if answer.accepted and plan is not None:
             self._held[answer.robot] = plan
-            self._separate(plan)
+            self._accepted += 1
+            if self._accepted % _SEPARATED == 0:
+                self._separate(plan)
 
     def _plan(self, plan: e.Plan) -> None:
         self._offered[plan.robot, plan.key] = plan

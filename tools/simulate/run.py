@@ -27,7 +27,7 @@ from tools.simulate.findings import Findings
 from tools.simulate.machine import interposed
 from tools.simulate.machine.disk import Disk
 from tools.simulate.machine.machine import Machine, Process
-from tools.simulate.machine.network import Network
+from tools.simulate.machine.network import Conditions, Network
 from tools.simulate.machine.sockets import SimulatedSocket, SimulatedTimer
 from tools.simulate.recording_checks import RecordingChecks
 from tools.simulate.stack import Life, Stack, WatchedRobots, largest_steps
@@ -97,6 +97,12 @@ class Simulation:
         self._cell = cell_of(self._variant, lockstep)
         self._machine = Machine(str(seed), keep=keep)
         self._network = Network(self._machine, self._random("network"))
+        self._network.conditions = Conditions(
+            partial_write=choose.choice((0.0, 0.05)),
+            partial_read=choose.choice((0.0, 0.05)),
+            send_buffer=choose.choice((4, 32, 128)) * 1024,
+            window=choose.choice((4, 16, 64)) * 1024,
+        )
         self._disk = Disk(self._machine, self._random("disk"))
         self._findings = Findings(self._machine.trace)
         periods = {robot.name: robot.period for robot in self._cell.robots}
@@ -254,9 +260,11 @@ class Simulation:
             return
         if self._mode != "lockstep" and (self._vanished or not self._faults.vanished):
             self._daemons.idle(life)
+        if self._over():
+            return
         self._stack.end_daemon(kill=False)
         self._run_for(_END, lambda: self._stack.life is None)
-        if self._stack.life is not None:
+        if self._stack.life is not None and not self._over():
             self._findings.report("the daemon ends", f"not within {_END:g} s")
 
     @property

@@ -92,6 +92,7 @@ class Stack:
         self.has_server = robot_server
         self.lives: list[Life] = []
         self.server: Process | None = None
+        self._server_log: SimulatedLog | None = None
         self.robots = RobotChecks(cell, findings, lambda: machine.now)
         self._ended_at = -_RESTART_NS
 
@@ -169,9 +170,13 @@ class Stack:
             self.robots.forget()
 
     def _gate(self, made: list[GateChecks], cell: Cell, start: str) -> GateChecks:
-        checks = GateChecks(Gate(cell, start), cell, self._findings, self._seen)
+        checks = GateChecks(Gate(cell, start), cell, self._findings, self._seen, self._attached)
         made.append(checks)
         return checks
+
+    def _attached(self) -> int:
+        """Return the number of connections that the robot server has accepted from daemons."""
+        return self._server_log.events.get("daemon", 0) if self._server_log is not None else 0
 
     def _seen(self, event: e.GateEvent, outputs: list[e.GateOutput]) -> None:
         self.lives[-1].events.append((self._machine.now, event))
@@ -207,7 +212,9 @@ class Stack:
             return
         process = self.server = self._machine.process("robots")
         self.robots.forget()
-        log = SimulatedLog("robots", self._machine.trace, lambda: self._machine.epoch_ns() / 1e9)
+        log = self._server_log = SimulatedLog(
+            "robots", self._machine.trace, lambda: self._machine.epoch_ns() / 1e9
+        )
         with self._machine.inside(process):
             listening = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             listening.bind(ROBOTS)

@@ -69,6 +69,7 @@ class RawClient:
         self._walks = {robot: Walk(rng, steps) for robot, steps in setting.steps.items()}
         self._seq = 0
         self._pinged = 0.0
+        self._quiet_until = 0.0
 
     async def run(self) -> None:
         """Connect, act, and connect again until the end."""
@@ -154,19 +155,31 @@ class Controller(RawClient):
 
     def act(self) -> None:
         """Acquire, release, or something unusual."""
+        if self._quiet:
+            return
+        if self.setting.calm:
+            self.wire.resume()
         free = [robot for robot in self.setting.steps if robot not in self.wire.held]
         roll = self.rng.random()
         if free and roll < 0.2:
             self.wire.ask(m.Acquire(robot=self.rng.choice(free), speed=self.rng.choice((1.0, 1.0, 0.5))))
         elif roll < 0.3:
             self.ping()
-        elif self.setting.calm:
-            return
-        elif roll < 0.31 and self.wire.held:
+        elif not self.setting.calm:
+            self._act_unusually(roll)
+
+    def _act_unusually(self, roll: float) -> None:
+        """Do something that a controller rarely does, or nothing."""
+        if roll < 0.31 and self.wire.held:
             robot = self.rng.choice(list(self.wire.held))
             self.wire.ask(m.Release(robot=robot, fence=self.wire.held[robot]))
-        elif roll < 0.34:
+        elif roll < 0.33:
             self._wrong()
+        elif roll < 0.333:
+            self._quiet_until = asyncio.get_running_loop().time() + self.rng.uniform(0.5, 2.0)
+        elif roll < 0.34:
+            self.rng.choice((self.wire.pause, self.wire.resume, self.wire.resume))()
+            self._blindly()
         elif roll < 0.345:
             self.wire.ask(m.Stop(robot=self.rng.choice((None, self.any_robot())), reason="a simulated stop"))
         elif roll < 0.36:
@@ -176,12 +189,28 @@ class Controller(RawClient):
         elif roll < 0.37:
             self.wire.ask(m.Subscribe(every=self.rng.choice((1, 2)), robots=(self.any_robot(),)))
 
+    def _blindly(self) -> None:
+        """Command without reading the states in between."""
+        for robot, fence in self.wire.held.items():
+            state = self.wire.states.get(robot)
+            for _ in range(self.rng.randint(1, 12)):
+                self.command(robot, fence, 0 if state is None else state.tick)
+
+    @property
+    def _quiet(self) -> bool:
+        """True while the client sends nothing, so that its leases expire."""
+        return not self.setting.calm and asyncio.get_running_loop().time() < self._quiet_until
+
     def _wrong(self) -> None:
         """Send a command that must be refused, most likely."""
         robot = self.any_robot()
         state = self.wire.states.get(robot)
         tick = 0 if state is None else state.tick
         fence = self.wire.held.get(robot, self.rng.randint(0, 5))
+        if robot in self.setting.holders and self.rng.random() < 0.3:
+            fence, _ = self.setting.holders[robot]  # of another client, most likely
+            self.command(robot, fence, tick)
+            return
         match self.rng.randrange(6):
             case 0:
                 self.command(robot, max(0, fence - 1), tick)
@@ -200,7 +229,7 @@ class Controller(RawClient):
         """Command a robot at its tick."""
         if isinstance(message, m.State):
             robot = message.robot
-            if robot in self.wire.held and self.rng.random() < 0.97:
+            if robot in self.wire.held and not self._quiet and self.rng.random() < 0.97:
                 self.command(robot, self.wire.held[robot], message.tick)
 
 

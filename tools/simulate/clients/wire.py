@@ -55,6 +55,7 @@ class Wire(asyncio.Protocol):
         self._report_granted = granted
         self._connection = Connection(Side.CLIENT)
         self._commands: dict[str, deque[int]] = {}
+        self._fence_of: dict[int, int] = {}
         self._pings: dict[float, int] = {}
         self._newest = -1
         self._transport: Any = None
@@ -81,6 +82,7 @@ class Wire(asyncio.Protocol):
         if isinstance(message, m.Command):
             self._commands.setdefault(message.robot, deque()).append(message.seq)
             self._newest = message.seq
+            self._fence_of[message.seq] = message.fence
         if isinstance(message, m.Ping):
             self._pings[message.time] = self._newest
         try:
@@ -194,9 +196,10 @@ class Wire(asyncio.Protocol):
         waiting = self._commands.get(verdict.robot, deque())
         expected = waiting.popleft() if waiting else None
         self._check(expected == verdict.seq, "one verdict per command, in order", (expected, verdict))
+        fence = self._fence_of.pop(verdict.seq, None)
         if verdict.outcome != "refused":
-            held = self.fences.get(verdict.robot)
-            self._check(bool(held), "verdicts for holders", verdict)
+            granted = fence in self.fences.get(verdict.robot, ())
+            self._check(granted, "commands need the lease", (fence, verdict))
 
     def _error(self, error: m.Error) -> None:
         if error.seq is not None:

@@ -66,8 +66,9 @@ class Disk:
         return RecordFile(path, self._number, header, self._calls, signer)
 
     def clear(self) -> None:
-        """Make room, and let syncing succeed again."""
+        """Make room, and let writing and syncing succeed at once again."""
         self.room, self.sync_fails = 1 << 40, False
+        self.slow_until = self.late_ns = 0
 
     def power_failure(self) -> None:
         """Keep what was synced, and a random part of the rest, in which a block may be missing."""
@@ -75,10 +76,16 @@ class Disk:
             kept = self._random.randint(file.synced, len(file.data))
             del file.data[kept:]
             if kept > file.synced and self._random.random() < 0.5:
-                hole = self._random.randint(file.synced, kept - 1)
-                length = min(_BLOCK, kept - hole)
-                file.data[hole : hole + length] = bytes(length)
+                self._damage(file.data, self._random.randint(file.synced, kept - 1))
             file.synced = kept
+
+    def _damage(self, data: bytearray, at: int) -> None:
+        """Let a block be missing, or one byte be another one."""
+        if self._random.random() < 0.5:
+            length = min(_BLOCK, len(data) - at)
+            data[at : at + length] = bytes(length)
+        else:
+            data[at] ^= 1 << self._random.randrange(8)
 
     def _write(self, descriptor: int, data: bytes) -> int:
         if self.room <= 0:

@@ -50,6 +50,7 @@ class Process:
         self.on_exit: Callable[[Process], None] = lambda _: None
         self._main: asyncio.Task[Any] | None = None
         self._over = False
+        self.next_wake: int | None = None
 
     def start(self, main: Coroutine[Any, Any, Any]) -> None:
         """Run a coroutine; the process ends with it."""
@@ -59,12 +60,20 @@ class Process:
 
     def wake(self) -> int:
         """Return the time of its next turn, ns."""
-        return max(self.loop.wake(), self.busy_until) if self.alive else NEVER
+        if self.next_wake is None:
+            self.next_wake = max(self.loop.wake(), self.busy_until) if self.alive else NEVER
+        return self.next_wake
+
+    def poke(self) -> None:
+        """Let the process poll: one of its files may be ready."""
+        self.loop.selector.changed = True
+        self.next_wake = None
 
     def pause(self, ns: int) -> None:
         """Let the process do nothing for some time, like one that is swapped out."""
         self.busy_until = max(self.busy_until, self.machine.now) + ns
         self.stalled_until = self.busy_until
+        self.next_wake = None
 
     def signal(self, number: int) -> None:
         """Send a signal; without a handler it kills the process."""
@@ -74,11 +83,12 @@ class Process:
         elif self.alive:
             callback, arguments = handler
             self.loop.call_soon(callback, *arguments)
+            self.next_wake = None
 
     def kill(self) -> None:
         """End the process at once: none of its code runs any more, and its sockets are closed."""
         if self.alive:
-            self.alive = False
+            self.alive, self.next_wake = False, None
             self.machine.bury(self)
             for sock in tuple(self.sockets.values()):
                 sock.close()
@@ -223,6 +233,7 @@ class Machine:
         try:
             yield
         finally:
+            process.next_wake = None
             self.current = before
             asyncio._set_running_loop(running)
             sys.set_asyncgen_hooks(*hooks)
@@ -248,3 +259,4 @@ class Machine:
             process.loop.turn()
         process.exit_if_over()
         process.busy_until = max(process.busy_until, self.now + self._random.randint(*_TURN_NS))
+        process.next_wake = None

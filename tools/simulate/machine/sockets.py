@@ -213,7 +213,7 @@ class SimulatedSocket:
     def changed(self) -> None:
         """Let the selector look at this socket again."""
         if not self.closed:
-            self.process.loop.selector.changed = True
+            self.process.poke()
 
     def broken(self) -> None:
         """Process a reset of the connection."""
@@ -447,7 +447,7 @@ class SimulatedTimer:
 
     def _due(self) -> None:
         if not self.closed:
-            self._process.loop.selector.changed = True
+            self._process.poke()
 
     def expired(self) -> bool:
         """Return True if the deadline has passed since the timer was armed."""
