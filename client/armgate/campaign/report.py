@@ -23,6 +23,7 @@ td, th { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ddd; 
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap }
 .yes { color: #1d7a3e; font-weight: 600 } .no { color: #b3261e; font-weight: 600 } .none { color: #777 }
 .ended { background: #fbeceb; padding: .6rem 1rem; border-left: 3px solid #b3261e }
+td.k { white-space: nowrap }
 code { font-size: 13px; overflow-wrap: anywhere } svg text { font: 11px system-ui, sans-serif; fill: #555 }
 figure { display: inline-block; margin: 0 1rem 1rem 0 } figcaption { font-size: 13px; color: #555 }
 .key::before { content: "■ "; color: var(--c) } .key { margin-right: 1rem }
@@ -106,7 +107,8 @@ def _worst(
         ]
         if rows:
             parts += [f"<h3>{html.escape(one.config.claim)}</h3>", _trial_table(rows, one.config.figure)]
-    return "\n".join(parts) or "<p>None.</p>"
+    note = "<p>A link leads to the recording of a trial, once the trial was reproduced.</p>"
+    return "\n".join([note, *parts]) if parts else "<p>None.</p>"
 
 
 def _failures(
@@ -124,7 +126,7 @@ def _row(campaign: CampaignConfig, folder: Path, trial: Trial, text: str) -> str
     where = f"trials/{trial.key}"
     explain = shlex.join(("armgate", "explain", str(folder / where), "--refused"))
     return (
-        f"<tr><td><code>{trial.key}</code></td><td>{html.escape(trial.scenario)}</td>"
+        f'<tr><td class="k"><code>{trial.key}</code></td><td>{html.escape(trial.scenario)}</td>'
         f'<td>{html.escape(trial.controllers)}</td><td class="n">{trial.seed}</td>'
         f"<td>{html.escape(text)}</td>"
         f"<td>reproduce: <code>{html.escape(reproduce(campaign, folder, trial.key))}</code><br>"
