@@ -1,5 +1,6 @@
 """``armgate campaign`` on the command line: exit statuses, errors without traceback, options."""
 
+import sys
 from pathlib import Path
 
 import pytest
@@ -31,6 +32,19 @@ def test_claims_decide_the_exit_status(tmp_path: Path, capsys: pytest.CaptureFix
     status, _, errors = call(capsys, file, "--out", out)
     assert status == 2
     assert "campaign.seeds: 1 before, 2 now" in errors
+
+
+def test_a_missing_extra_is_reported_before_the_first_trial(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] == "arro3"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "arro3", None)
+    status, text, errors = call(capsys, write_campaign(tmp_path), "--out", tmp_path / "out", "--jobs", 1)
+    assert (status, text) == (1, "")
+    assert (
+        errors == "armgate: arro3 is not installed; run in a checkout of armgate: pip install '.[campaign]'\n"
+    )
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ order of the results nor on interruptions.
 
 import errno
 import fcntl
+import importlib
 import json
 import os
 import time
@@ -40,6 +41,7 @@ class Store:
     Raises:
         UsageError: Another process has the store open, or it belongs to another campaign.
         CampaignError: The folder cannot be used.
+        ModuleNotFoundError: The extra ``campaign`` is not installed.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class Store:
     ) -> None:
         self.folder = folder
         self._write, self._clock = write, clock
+        importlib.import_module("arro3.io")  # a missing extra is reported before the first trial
         self._new: dict[str, Row] = {}
         self._stored: dict[str, Row] = {}
         with self._full_disk():
