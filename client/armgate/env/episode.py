@@ -1,4 +1,4 @@
-"""World of one episode, with the agent's seat and the seats of the programs."""
+"""World of one episode, with the agent and the programs of other robots as its participants."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

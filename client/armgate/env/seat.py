@@ -23,7 +23,7 @@ class Seat:
         ticked: Robots that have ticked since the last call of `send` for them.
 
     Raises:
-        EnvError: The world sent no state.
+        EnvError: The world sent no state, or an error.
     """
 
     def __init__(self, world: World, name: str, robots: Sequence[str]) -> None:
@@ -65,13 +65,12 @@ class Seat:
         )
         self._client.send(command)
 
-    def share(self, name: str, value: Iterable[float] | float) -> None:
-        """Share a signal; the world drops one that it refuses."""
-        values = (value,) if isinstance(value, int | float) else tuple(value)
-        self._client.send(m.Signal(name=name, value=tuple(float(x) for x in values)))
-
     def receive(self) -> list[m.Verdict]:
-        """Take all messages: keep the newest state, return the verdicts in order."""
+        """Take all messages: keep the newest state, return the verdicts in order.
+
+        Raises:
+            EnvError: The world answered with an error.
+        """
         verdicts = []
         for message in self._client.take():
             if isinstance(message, m.State):
@@ -79,4 +78,6 @@ class Seat:
                 self.ticked.add(message.robot)
             elif isinstance(message, m.Verdict):
                 verdicts.append(message)
+            elif isinstance(message, m.Error):
+                raise EnvError(f"{self.name}: {message.code}: {message.text}")
         return verdicts
