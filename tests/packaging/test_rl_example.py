@@ -98,3 +98,31 @@ def test_the_script_writes_the_episodes_of_all_agents(example, tmp_path, monkeyp
     assert {row.reward for row in rows} == set(train.REWARDS)
     assert all(1 <= row.length <= 100 for row in rows)
     assert capsys.readouterr().out.count("goals reached") == 2
+
+
+def test_the_picture_of_the_documentation_is_drawn_from_the_episodes(example, tmp_path):
+    _, curves = example
+    rows = curves.read(EXAMPLE / "episodes.csv")
+    assert {(row.reward, row.seed) for row in rows} == {
+        (reward, seed) for reward in ("task", "task and verdict") for seed in range(3)
+    }
+    curves.draw(rows, tmp_path / "curves.svg")
+    assert (tmp_path / "curves.svg").read_text(encoding="utf-8").startswith("<?xml")
+
+
+def test_the_table_of_the_documentation_is_computed_from_the_episodes(example):
+    _, curves = example
+    page = (EXAMPLE.parents[1] / "docs" / "env.md").read_text(encoding="utf-8")
+    late = [row for row in curves.read(EXAMPLE / "episodes.csv") if row.step > 8000]
+    for title, measure in (
+        ("goals reached", curves.success),
+        ("steps with a limited or refused command", curves.restricted),
+    ):
+        cells = [
+            ", ".join(
+                f"{100 * measure([row for row in late if (row.reward, row.seed) == (reward, seed)]):.0f} %"
+                for seed in range(3)
+            )
+            for reward in ("task", "task and verdict")
+        ]
+        assert f"| {title} | {' | '.join(cells)} |" in page
