@@ -1,5 +1,7 @@
 """Kernels are compiled only where they are needed, before robots move, and with a notice the first time."""
 
+import os
+import socket
 import subprocess
 import sys
 from importlib import import_module
@@ -34,6 +36,28 @@ def test_the_first_use_prints_one_notice_and_a_later_start_none(tmp_path):
     place = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     assert run(KERNELS, **place) == ("42 42\n", f"armgate: {NOTICE}\n")
     assert run(KERNELS, **place) == ("42 42\n", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["serve", "follow"])
+def test_a_command_announces_the_compilation_only_at_its_first_start(tmp_path, command):
+    """Then both commands fail: the port of serve is in use, and follow finds no daemon."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        options = {
+            "serve": ["configs/demo.yaml", "--port", str(taken.getsockname()[1])],
+            "follow": ["127.0.0.1:1", "--robot", "FR", "--leader", "GR"],
+        }
+        for notices in (1, 0):
+            done = subprocess.run(
+                [sys.executable, "-m", "armgate.apps", command, *options[command]],
+                env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+                capture_output=True,
+                text=True,
+                check=False,
+                timeout=500,
+            )
+            assert done.returncode > 0
+            assert done.stderr.count(NOTICE) == notices, done.stderr
 
 
 def test_without_numba_there_is_no_notice():
