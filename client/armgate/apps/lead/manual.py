@@ -8,7 +8,7 @@ import numpy as np
 from armgate.apps.errors import UsageError, text_of
 from armgate.apps.interrupt import Interrupt
 from armgate.apps.lead.drive import bounds_of
-from armgate.apps.lead.inputs import Input, InputFactory, Mode, Setting
+from armgate.apps.lead.inputs import InputFactory, Mode, Setting
 from armgate.apps.lead.jog import JogProgram
 from armgate.apps.lead.steering import Steering, Tool
 from armgate.client import Cell, Description, RobotDescription
@@ -46,22 +46,11 @@ def drive_by_hand(
     steering = steering_of(cell, described, manual.speed)
     source = manual.make(Setting(described, manual.mode, report))
     try:
-        return drive_by(source, cell, described.name, steering, interrupt, report)
+        program = JogProgram(source, steering, report)
+        outcome = run(cell, described.name, program, interrupt=interrupt, report=report)
+        return f"{described.name}: {text_of(outcome)}"
     finally:
         source.close()
-
-
-def drive_by(
-    source: Input,
-    cell: Cell,
-    robot: str,
-    steering: Steering,
-    interrupt: Interrupt,
-    report: Callable[[str], object],
-) -> str:
-    """Acquire a robot and drive it by an input; raises the same exceptions as `drive_by_hand`."""
-    outcome = run(cell, robot, JogProgram(source, steering, report), interrupt=interrupt, report=report)
-    return f"{robot}: {text_of(outcome)}"
 
 
 def steering_of(cell: ProgramCell, robot: RobotDescription, speed: float) -> Steering:

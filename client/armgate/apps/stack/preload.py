@@ -8,7 +8,7 @@ from armgate.control.compiled import prepare
 
 LIBRARIES = ("msgpack", "pydantic", "pinocchio", "coal", "fcl", "yaml", "asyncio", "ssl")
 OURS = (
-    "armgate.apps.follow.loop", "armgate.apps.lead.drive", "armgate.client", "armgate.cell.cell",
+    "armgate.apps.follow.program", "armgate.apps.lead.drive", "armgate.client", "armgate.cell.cell",
     "armgate.monitor.offline",
 )  # fmt: skip
 
