@@ -1,4 +1,4 @@
-"""Programs over a connection: interruption, ticks without a command, and steps of programs without a robot."""
+"""Programs over a connection: interruption, ticks without a command, and programs without a robot."""
 
 from collections.abc import Iterator
 from types import SimpleNamespace
