@@ -43,7 +43,8 @@ def test_a_missing_extra_is_reported_before_the_first_trial(
     status, text, errors = call(capsys, write_campaign(tmp_path), "--out", tmp_path / "out", "--jobs", 1)
     assert (status, text) == (1, "")
     assert (
-        errors == "armgate: arro3 is not installed; run in a checkout of armgate: pip install '.[campaign]'\n"
+        errors
+        == "armgate: arro3.io is not installed; run in a checkout of armgate: pip install '.[campaign]'\n"
     )
 
 
