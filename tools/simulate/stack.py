@@ -198,7 +198,7 @@ class Stack:
 
     def power_failure(self) -> None:
         """End daemon and robot server at once, and lose what was not synced."""
-        if (life := self.life) is not None:
+        for life in self.lives:  # files of daemons that were killed before are not synced either
             life.disk_trouble = True
         self.end_daemon(kill=True)
         self.end_server(kill=True)
