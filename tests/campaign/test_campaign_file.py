@@ -44,6 +44,27 @@ def test_the_bundled_campaigns_are_valid(file: Path) -> None:
         ("more", "scenarios: {a: {set: {cell.robots.P.start.9: 1}}}", r":10: robots.P.start.9: the list"),
         ("more", "scenarios: {a: {set: {cell.robot.P.start: 1}}}", r":10: robot: unknown key 'robot'"),
         ("more", "scenarios: {a: {set: {cell.name: x}, vary: {cell.name: {choice: [y]}}}}", r":10: .*also s"),
+        ('"odd:move"', '"odd"', r":7: controllers.move.P.program: 'odd'; expected package.module:function"),
+        ("cell.robots.P.start.1", "robots.P", r":9: vary.*'robots.P'; expected cell.… or controllers.…"),
+        ("[40 deg, 50 deg]", "[-1e308, 1e308]", r":9: .*is too wide; expected a finite difference"),
+        ("[40 deg, 50 deg]", "[40 deg, 50 mm]", r":9: .*units of angle and length; expected units of one k"),
+        ("[40 deg, 50 deg]", "[40 mm, 50 mm]", r":9: .* does not fit joint J2, which is revolute; exp"),
+        ("{uniform: [40 deg, 50 deg]}", "{integer: [0, 10000000000000000000]}", r":9: .*is too large; ex"),
+        ("{uniform: [40 deg, 50 deg]}", "{choice: [.nan]}", r":9: .*nan is not finite; expected a finite n"),
+        ("{uniform: [40 deg, 50 deg]}", "{choice: [a, b]}", r":9: .*cannot read '[ab]'; expected a number"),
+        ("cell.robots.P.start.1", "cell.robots.P.start.9", r":9: robots.P.start.9: the list"),
+        ("cell.robots.P.start.1", "cell.robots.Q.start", r":9: robots.Q.\w+: the key is missing"),
+        ("cell.robots.P.start.1", "controllers.P.options.a", r":7: .*odd:move\(context\): got an unexpected"),
+        ("cell.robots.P.start.1", "controllers.P.options", r":9: .*options: .* is not a mapping"),
+        ("[40 deg, 50 deg]}", "[0, 1]}\n  controllers.P.delay: {uniform: [-2, -1]}", r":10: .* is too small"),
+        ('"odd:move"', '"odd:move", robot: Q', r":7: controllers.move.P.robot: there is no robot 'Q'; expe"),
+        ('"odd:move"', '"odd:move", options: {a: .inf}', r":7: .*inf is not finite; expected a finite num"),
+        ('{P: {program: "odd:move"}', '{X: {program: "odd:move", delay: 1 s}', r":7: .*without a robot; "),
+        ('"odd:move"}', '"odd:move"}, X: {program: "odd:move", robot: P}', r":7: .*X: P commands P, too; "),
+        ('program: "odd:move"', "command: [/no/such]", r":7: .*command: /no/such: there is no such command"),
+        ("seeds: 4", "seeds: 1000001", r":5: seeds: 1000001 trials in all; expected at most 1000000"),
+        ("seeds: 4", "seeds: 4\nfirst_seed: 10000000000000000000", r":6: first_seed: .* is too large; ex"),
+        ("more", "figures: {ticks: {function: 'odd:ticks', options: {a: 1}}}", r":10: figures.ticks.options"),
     ],
 )  # fmt: skip
 def test_an_error_names_file_line_and_key(tmp_path: Path, before: str, after: str, message: str) -> None:
@@ -54,6 +75,32 @@ def test_an_error_names_file_line_and_key(tmp_path: Path, before: str, after: st
     with pytest.raises(ConfigError, match=message) as caught:
         Campaign.load(file)
     assert str(file) in str(caught.value)
+
+
+def test_a_link_with_a_clock_of_its_own_is_one_error_before_any_trial(tmp_path: Path) -> None:
+    configs = PLANAR.parent
+    file = write_campaign(tmp_path)
+    cell = f"cell: [{configs}/demo.yaml, {configs}/links/rsi-virtual.yaml]"
+    text = (
+        file.read_text()
+        .replace(f"cell: [{PLANAR}]", cell)
+        .replace("{P: {", "{FR: {")
+        .replace("s.P.", "s.FR.")
+    )
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=r"rsi-virtual.yaml:\d+: robots.*link.kind: 'rsi' has a clock of"):
+        Campaign.load(file)
+
+
+def test_some_drawn_values_may_be_invalid(tmp_path: Path) -> None:
+    file = write_campaign(tmp_path)
+    text = file.read_text().replace(
+        "start.1: {uniform: [40 deg, 50 deg]}", "link.lag: {uniform: [-1 s, 1 s]}"
+    )
+    file.write_text(text)
+    campaign = Campaign.load(file)
+    results = [Laboratory(campaign.config, campaign.basis).run(trial) for trial in campaign.trials]
+    assert {result.failed for result in results} == {True, False}
 
 
 def test_an_entry_that_cannot_be_imported_is_an_error(tmp_path: Path) -> None:

@@ -34,6 +34,20 @@ def test_claims_decide_the_exit_status(tmp_path: Path, capsys: pytest.CaptureFix
     assert "campaign.seeds: 1 before, 2 now" in errors
 
 
+def test_failed_trials_are_a_failure_and_their_reasons_are_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_campaign(tmp_path, seeds=2, programs=("bad", "move"))
+    status, text, _ = call(capsys, file, "--out", tmp_path / "out", "--jobs", 1)
+    assert status == 1
+    assert "2 failed: ZeroDivisionError: division by zero\n" in text
+    claim = "claims: [{claim: half may fail, figure: failed, aggregate: share, at_most: 0.5}]"
+    file = write_campaign(tmp_path, seeds=2, programs=("bad", "move"), more=claim)
+    status, text, _ = call(capsys, file, "--out", tmp_path / "out", "--jobs", 1)
+    assert status == 0
+    assert "2 failed: ZeroDivisionError: division by zero\n" in text
+
+
 def test_a_missing_extra_is_reported_before_the_first_trial(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from armgate.cell.cell import build_cell
+from armgate.cell.errors import ConfigError
 from armgate.protocol import RemoteProtocolError, encode
 from armgate.protocol import messages as m
 from armgate.world import SavedWorldError, SessionEndedError, World
@@ -181,7 +182,9 @@ def test_participants_replace_the_configured_clock(tmp_path):
 
 def test_a_robot_with_a_clock_of_its_own_is_an_error():
     configs = Path(__file__).parents[2] / "configs"
-    with pytest.raises(TypeError, match="has a clock of its own"):
+    with pytest.raises(
+        ConfigError, match=r"rsi-virtual.yaml:\d+: robots.*link.kind: 'rsi' has a clock of its own"
+    ):
         World.load(configs / "demo.yaml", configs / "links" / "rsi-virtual.yaml", participants=["a"])
 
 

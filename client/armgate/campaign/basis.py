@@ -1,14 +1,13 @@
 """Basis of the keys: versions of the software, sources of Python entries, hashes of the cells."""
 
 import sys
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 
 from armgate.campaign.campaign_file import CampaignConfig
 from armgate.campaign.entries import source_hash
 from armgate.campaign.trials import Basis
-from armgate.campaign.variations import cell_tree
-from armgate.cell.cell import build_cell
-from armgate.cell.config import config_of
+from armgate.cell.cell import Cell
 
 LIBRARIES = ("armgate", "numpy", "pin", "coal", "python-fcl", "numba", "pydantic")
 """Distributions whose versions can change the figures of a trial."""
@@ -20,16 +19,18 @@ def versions() -> dict[str, str]:
     return {"python": python} | {name: _version(name) for name in LIBRARIES}
 
 
-def basis_of(campaign: CampaignConfig) -> Basis:
+def basis_of(campaign: CampaignConfig, cells: Mapping[str, Cell]) -> Basis:
     """Return the basis of a campaign on this machine.
 
+    Args:
+        campaign: The campaign.
+        cells: Cell of each scenario.
+
     Raises:
-        ConfigError: The configuration of a cell is not valid.
         EntryError: A Python entry cannot be imported.
     """
-    cells = {name: build_cell(config_of(cell_tree(campaign, name))).hash for name in campaign.scenarios}
     sources = {entry: source_hash(entry, campaign.folder) for entry in sorted(_entries(campaign))}
-    return Basis(versions(), sources, cells)
+    return Basis(versions(), sources, {name: cell.hash for name, cell in cells.items()})
 
 
 def _entries(campaign: CampaignConfig) -> set[str]:

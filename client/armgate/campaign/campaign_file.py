@@ -1,24 +1,38 @@
 """YAML file of a campaign: strict models; errors name file, line and key."""
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PrivateAttr, StringConstraints, ValidationError, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationError, model_validator
 
-from armgate.campaign.distributions import Number, Variation
+from armgate.campaign.distributions import Number, Plain, Variation
 from armgate.cell.config.fields import ConfigModel, Duration, Name, Period
 from armgate.cell.config.validation_errors import to_config_error
 from armgate.cell.config.yaml_tree import KeyPath, Node, config_error, read_tree
 from armgate.cell.errors import ConfigError
 
-Entry = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")]
+MOST_TRIALS = 1_000_000
+"""Largest number of trials; the driver holds the results of all of them (about 2 kB each)."""
+
+
+def _matching(pattern: str, expected: str) -> Callable[[str], str]:
+    def checked(text: str) -> str:
+        if re.fullmatch(pattern, text) is None:
+            raise ValueError(f"{text!r}; expected {expected}")
+        return text
+
+    return checked
+
+
+Entry = Annotated[str, AfterValidator(_matching(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*", "package.module:function"))]
 """Python entry, ``package.module:function``."""
 Delay = Annotated[Duration, Field(ge=0.0)]
 """Time, s, of 0 or more."""
-Key = Annotated[str, StringConstraints(pattern=r"^(cell|controllers)\..+$")]
+Key = Annotated[str, AfterValidator(_matching(r"(cell|controllers)\..+", "cell.… or controllers.…"))]
 """Varied key: of the cell's configuration, or of a controller."""
-Text = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Text = Annotated[str, AfterValidator(_matching(r".{1,200}", "one line of 1 to 200 characters"))]
 """One line for people."""
 
 
@@ -31,7 +45,7 @@ class ControllerConfig(ConfigModel):
     """Command and arguments; ``{address}``, ``{name}``, ``{robot}``, ``{seed}``, options are filled in."""
     robot: Name | None = None
     """Robot that it commands; absent: the robot with the name of the participant, if there is one."""
-    options: dict[str, Any] = {}
+    options: dict[str, Plain] = {}
     """Options of the program or of the command."""
     delay: Delay = 0.0
     """Time by which the increments of a program are late, rounded to ticks [s]."""
@@ -45,6 +59,12 @@ class ControllerConfig(ConfigModel):
         if self.command is not None and (self.delay or self.jitter):
             raise ValueError("delay and jitter of a command; expected a program")
         return self
+
+    def robot_in(self, robots: Iterable[str], participant: str) -> str | None:
+        """Return its robot in a cell with these robots; None if it commands none."""
+        if self.robot is not None:
+            return self.robot
+        return participant if participant in robots else None
 
 
 class ScenarioConfig(ConfigModel):
@@ -65,13 +85,16 @@ class FigureConfig(ConfigModel):
 
     function: Entry
     """Entry of the function, ``package.module:function``."""
-    options: dict[str, Any] = {}
+    options: dict[str, Plain] = {}
     """Keyword arguments of the function."""
     unit: str = ""
     """Unit of the figure."""
 
 
-Aggregate = Annotated[str, StringConstraints(pattern=r"^(min|max|mean|median|sum|share|p\d{1,2}(\.\d+)?)$")]
+_AGGREGATES = r"min|max|mean|median|sum|share|p\d{1,2}(\.\d+)?"
+Aggregate = Annotated[
+    str, AfterValidator(_matching(_AGGREGATES, "min, max, mean, median, sum, share or p0 to p99.9"))
+]
 """Aggregate of a figure over trials; ``share`` is the share of trials in which it is not 0."""
 
 
@@ -121,7 +144,7 @@ class CampaignConfig(ConfigModel):
     """Participants whose end ends the trial; absent: all."""
     seeds: Annotated[int, Field(ge=1, le=10_000_000)]
     """Number of seeds."""
-    first_seed: Annotated[int, Field(ge=0)] = 0
+    first_seed: Annotated[int, Field(ge=0, le=2**62)] = 0
     """First seed; the others follow it."""
     timeout: Annotated[Period, Field(le=86_400.0)] = 600.0
     """Longest time for which one trial may run on a worker [s]."""
@@ -174,6 +197,7 @@ def load_campaign(path: Path) -> CampaignConfig:
         raise to_config_error(error, tree, CampaignConfig) from error
     campaign._tree, campaign._file = tree, path
     _check_names(campaign)
+    _check_size(campaign)
     return campaign
 
 
@@ -183,6 +207,12 @@ def _marked(value: Any, mark: Any) -> Node:
     if isinstance(value, list | tuple):
         return Node(tuple(_marked(one, mark) for one in value), mark)
     return Node(value, mark)
+
+
+def _check_size(campaign: CampaignConfig) -> None:
+    count = campaign.seeds * len(campaign.scenarios) * len(campaign.controllers)
+    if count > MOST_TRIALS:
+        raise campaign.error(("seeds",), f"{count} trials in all; expected at most {MOST_TRIALS}")
 
 
 def _check_names(campaign: CampaignConfig) -> None:

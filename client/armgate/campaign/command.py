@@ -8,6 +8,9 @@ import typer
 if TYPE_CHECKING:
     from armgate.campaign.drive import Campaign, MakePool, Summary
 
+REASONS = 3
+"""Number of reasons of failed trials that are printed; the report lists the trials."""
+
 
 def campaign(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="File of the campaign (YAML).")],
@@ -51,7 +54,8 @@ def campaign(
 ) -> None:
     """Run a campaign: scenarios × controllers × seeds, on all cores or on a Dask cluster.
 
-    Exit status: 0 if all claims hold, 1 if not or if trials are missing, 2 for wrong use.
+    Exit status: 0 if all claims hold (without claims: if no trial failed), 1 if not or if trials are missing,
+    2 for wrong use.
     """
     from armgate.campaign.drive import Campaign, run_campaign
     from armgate.campaign.errors import UsageError
@@ -89,7 +93,7 @@ def _reproduce(loaded: "Campaign", folder: Path, key: str) -> None:
 
 
 def _report(summary: "Summary") -> None:
-    """Print the claims; exit with status 1 if not all hold.
+    """Print the claims and why trials failed; exit with status 1 if a claim does not hold.
 
     Raises:
         CampaignError: The campaign was interrupted.
@@ -107,9 +111,11 @@ def _report(summary: "Summary") -> None:
     console = Console(highlight=False, soft_wrap=True)
     if summary.claims:
         console.print(claims_table(summary.claims))
+    for reason, count in summary.reasons.most_common(REASONS):
+        console.print(f"{count} failed: {reason}", markup=False)
     failed = f", {summary.failed} failed" if summary.failed else ""
     console.print(
         f"{summary.done} trials{failed}; {summary.folder}: results.parquet, report.html", style="dim"
     )
-    if not all(claim.holds for claim in summary.claims):
+    if not summary.succeeded:
         raise typer.Exit(1)

@@ -7,14 +7,22 @@ seed have the same values.
 
 import hashlib
 import math
+from collections.abc import Mapping
 from statistics import NormalDist
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    PrivateAttr,
+    model_validator,
+)
 
 from armgate.cell.config.fields import ConfigModel
-from armgate.cell.config.units import quantity
+from armgate.cell.config.units import quantity, si_unit
 
 Value = bool | int | float | str | tuple[Any, ...] | None
 """Value of a key: a scalar, or a list."""
@@ -28,6 +36,24 @@ Number = Annotated[float, BeforeValidator(_number)]
 """Number, or a text with a unit; in SI units."""
 Interval = tuple[Number, Number]
 """Lower and upper end."""
+Whole = Annotated[int, Field(ge=-(2**53), le=2**53)]
+"""Whole number that a floating-point number represents exactly."""
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{value} is not finite; expected a finite number")
+    if isinstance(value, Mapping):
+        return {str(key): _plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(_plain(one) for one in value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise ValueError(f"{value} is a {type(value).__name__}; expected a number or a text in quotes")
+
+
+Plain = Annotated[Any, AfterValidator(_plain)]
+"""Value that can be written as JSON: a scalar, a list or a mapping."""
 
 
 class Normal(ConfigModel):
@@ -68,12 +94,21 @@ class Variation(ConfigModel):
     """Uniform between two ends."""
     log_uniform: Interval | None = None
     """Uniform in the logarithm, between two positive ends."""
-    integer: tuple[int, int] | None = None
+    integer: tuple[Whole, Whole] | None = None
     """Whole numbers from the first to the last, equally likely."""
     normal: Normal | None = None
     """Normal, truncated if bounds are given."""
-    choice: Annotated[tuple[Any, ...], Field(min_length=1)] | None = None
+    choice: Annotated[tuple[Plain, ...], Field(min_length=1)] | None = None
     """List of values, equally likely."""
+
+    _dimension: str | None = PrivateAttr(default=None)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_dimension(cls, given: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        variation = handler(given)
+        variation._dimension = _dimension(given)
+        return variation
 
     @model_validator(mode="after")
     def _one_kind(self) -> Self:
@@ -84,6 +119,8 @@ class Variation(ConfigModel):
         for ends in (self.uniform, self.log_uniform, self.integer):
             if ends is not None and ends[0] > ends[1]:
                 raise ValueError(f"from {ends[0]:g} to {ends[1]:g}; expected the smaller end first")
+            if ends is not None and not math.isfinite(ends[1] - ends[0]):
+                raise ValueError(f"from {ends[0]:g} to {ends[1]:g} is too wide; expected a finite difference")
         if self.log_uniform is not None and self.log_uniform[0] <= 0.0:
             raise ValueError(f"log_uniform from {self.log_uniform[0]:g}; expected a positive end")
         return self
@@ -103,12 +140,27 @@ class Variation(ConfigModel):
         chosen: Value = self.choice[int(rng.integers(len(self.choice)))]
         return chosen
 
+    def with_unit(self, value: Value) -> Value:
+        """Return a drawn value with the unit that the file has for it, as a text; without a unit as it is."""
+        if self._dimension is None or not isinstance(value, float):
+            return value
+        return f"{value!r} {si_unit(self._dimension)}"
+
     @property
     def numeric(self) -> bool:
         """True if all values are numbers."""
         if self.choice is None:
             return True
         return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.choice)
+
+
+def _dimension(given: Any) -> str | None:
+    """Return the dimension of the numbers of a valid distribution; None if they have no units."""
+    ends = [given.get("uniform"), given.get("log_uniform"), (given.get("normal") or {}).values()]
+    found = {quantity(one).dimension for numbers in ends for one in numbers or ()} - {None}
+    if len(found) > 1:
+        raise ValueError(f"units of {' and '.join(sorted(map(str, found)))}; expected units of one kind")
+    return next(iter(found), None)
 
 
 def seed_of(seed: int, key: str) -> int:

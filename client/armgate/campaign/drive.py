@@ -1,5 +1,6 @@
 """Run of a campaign: open the store, run the missing trials, write table and report."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,11 +14,13 @@ from armgate.campaign.progress import progress
 from armgate.campaign.report import report_page
 from armgate.campaign.result import Result
 from armgate.campaign.schedule import Schedule
+from armgate.campaign.start_checks import check_start
 from armgate.campaign.store import Store
 from armgate.campaign.table import result_of
 from armgate.campaign.trials import Basis, Trial, trials
-from armgate.campaign.variations import check_keys
-from armgate.cell.config import load_config
+from armgate.campaign.variations import cell_tree, check_keys
+from armgate.cell.cell import build_cell
+from armgate.cell.config import config_of
 
 MakePool = Callable[[Plan], Pool]
 """Function that starts the workers."""
@@ -49,10 +52,13 @@ class Campaign:
         """
         config = load_campaign(file)
         check_keys(config)
-        basis = basis_of(config)
-        robots = load_config([config.folder / name for name in config.cell]).robots
-        check_figures(config, list(robots))
-        return cls(config, basis, trials(config, basis))
+        trees = {name: cell_tree(config, name) for name in config.scenarios}
+        cells = {name: build_cell(config_of(tree)) for name, tree in trees.items()}
+        check_figures(config, sorted({robot.name for cell in cells.values() for robot in cell.robots}))
+        basis = basis_of(config, cells)
+        found = trials(config, basis)
+        check_start(config, trees, cells, found)
+        return cls(config, basis, found)
 
     @property
     def manifest(self) -> Mapping[str, Any]:
@@ -74,7 +80,7 @@ class Summary:
         folder: Folder of the store.
         done: Number of results.
         planned: Number of trials.
-        failed: Number of failed trials.
+        reasons: Numbers of failed trials by reason.
         claims: Claims with their outcomes.
         interrupted: True if the user ended the run.
     """
@@ -82,9 +88,19 @@ class Summary:
     folder: Path
     done: int
     planned: int
-    failed: int
+    reasons: Counter[str]
     claims: list[Checked]
     interrupted: bool
+
+    @property
+    def failed(self) -> int:
+        """Number of failed trials."""
+        return self.reasons.total()
+
+    @property
+    def succeeded(self) -> bool:
+        """True if all claims hold; without claims, if no trial failed."""
+        return all(claim.holds for claim in self.claims) if self.claims else not self.failed
 
 
 def run_campaign(campaign: Campaign, folder: Path, make_pool: MakePool) -> Summary:
@@ -156,5 +172,5 @@ def _sum_up(campaign: Campaign, folder: Path, results: Mapping[str, Result], int
     claims = check_claims(campaign.config, campaign.trials, results, complete=not interrupted)
     page = report_page(campaign.config, campaign.trials, results, claims, folder)
     (folder / "report.html").write_text(page, encoding="utf-8")
-    failed = sum(result.failed for result in results.values())
-    return Summary(folder, len(results), len(campaign.trials), failed, claims, interrupted)
+    reasons = Counter(result.reason for result in results.values() if result.failed)
+    return Summary(folder, len(results), len(campaign.trials), reasons, claims, interrupted)

@@ -118,7 +118,8 @@ class Laboratory:
     ) -> dict[str, Command | Controller]:
         found: dict[str, Command | Controller] = {}
         for name, controller in controllers.items():
-            robot, own = robot_of(cell, name, controller), seed_of(seed, f"participant {name}")
+            robot = controller.robot_in([robot.name for robot in cell.robots], name)
+            own = seed_of(seed, f"participant {name}")
             period = None if robot is None else cell.robot(robot).period
             if controller.command is None:
                 found[name] = Controller(self._maker(controller, period, own), robot, seed=own)
@@ -140,13 +141,6 @@ class Laboratory:
             return LateProgram(program, period, controller.delay, controller.jitter, seed)
 
         return made
-
-
-def robot_of(cell: Cell, name: str, controller: ControllerConfig) -> str | None:
-    """Return the robot of a participant: the named one, the one with the participant's name, or None."""
-    if controller.robot is not None:
-        return cell.robot(controller.robot).name
-    return name if name in {robot.name for robot in cell.robots} else None
 
 
 def _words(controller: ControllerConfig, robot: str | None, seed: int) -> tuple[str, ...]:

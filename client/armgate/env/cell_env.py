@@ -53,8 +53,7 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
 
     Raises:
         EnvError: An argument does not fit the cell.
-        ConfigError: The configuration is not valid.
-        TypeError: A robot has a clock of its own.
+        ConfigError: The configuration is not valid, or a robot has a clock of its own.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"render_modes": []}

@@ -31,6 +31,7 @@ __all__ = [
     "SteppedLinkKind",
     "VirtualRobot",
     "check_links",
+    "check_stepped",
     "kind_of",
     "make_link",
     "make_stepped_link",
@@ -188,9 +189,24 @@ def make_stepped_link(cell: "Cell", robot: "Robot", start: str) -> SteppedLink:
     """Return the link of a robot for a clock of the daemon.
 
     Raises:
-        TypeError: The robot has a clock of its own, so that the robot server has to run its link.
+        ConfigError: The robot has a clock of its own, so that the robot server has to run its link.
     """
+    return _stepped_kind(cell, robot).make_stepped(robot.config.link, cell, robot, start)
+
+
+def check_stepped(cell: "Cell") -> None:
+    """Check that the cell can run in virtual time.
+
+    Raises:
+        ConfigError: A robot has a clock of its own; the text names file, line and key.
+    """
+    for robot in cell.robots:
+        _stepped_kind(cell, robot)
+
+
+def _stepped_kind(cell: "Cell", robot: "Robot") -> SteppedLinkKind[Any]:
     kind = kind_of(robot)
     if not isinstance(kind, SteppedLinkKind):
-        raise TypeError(f"{robot.name} has a clock of its own: the robot server has to run its link")
-    return kind.make_stepped(robot.config.link, cell, robot, start)
+        text = f"{robot.config.link.kind!r} has a clock of its own; a run in virtual time expects 'emulated'"
+        raise cell.config.error(("robots", robot.name, "link", "kind"), text)
+    return kind

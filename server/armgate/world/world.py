@@ -45,7 +45,7 @@ class World:
         cell: The cell.
 
     Raises:
-        TypeError: A robot has a clock of its own.
+        ConfigError: A robot has a clock of its own.
         ValueError: No participants are given, and the clock of the cell is not lock-step.
     """
 
@@ -87,8 +87,7 @@ class World:
             compiled: Form of the gate's kernels, as for `Gate`.
 
         Raises:
-            ConfigError: The configuration is not valid.
-            TypeError: A robot has a clock of its own.
+            ConfigError: The configuration is not valid, or a robot has a clock of its own.
             ValueError: No participants are given, and the configured clock is not lock-step.
         """
         config = load_config([Path(file) for file in files])

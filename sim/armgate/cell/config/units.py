@@ -31,6 +31,12 @@ UNITS = {
 """Dimensions, and the units that error messages name for them."""
 
 
+def si_unit(dimension: str) -> str:
+    """Return the SI unit of a dimension, such as ``rad/s`` of ``angle/s``."""
+    kind, per, time = dimension.partition("/")
+    return {"angle": "rad", "length": "m", "time": "s"}[kind] + per + time
+
+
 @dataclass(frozen=True)
 class Quantity:
     """Value in SI units.
