@@ -7,6 +7,7 @@ neither waits nor uses a socket; times are arguments, s, of any monotonic clock.
 
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from math import isfinite
 from typing import Any, ClassVar, Protocol
 
 from armgate.client.errors import BadArgument, ClientError, ConnectionLost, Rejected, TimedOut
@@ -15,6 +16,7 @@ from armgate.client.pending import Pending
 from armgate.client.tick import Tick
 from armgate.protocol import DIALECTS, Connection, Dialect, ErrorCode, LocalProtocolError, Refusal, Side
 from armgate.protocol.messages import (
+    MAX_SIGNAL,
     Answer,
     Bye,
     Command,
@@ -89,6 +91,8 @@ class Session:
         self._recent: deque[State] = deque(maxlen=1)
         self._ids = 0
         self._seq = 0
+        # Names of signals that are valid.
+        self._names: set[str] = set()
         # Messages that are encoded but not returned to the shell yet: they are sent with the next message.
         self._delayed = b""
         self._sent = 0.0
@@ -144,12 +148,20 @@ class Session:
         """
         self.pending.raise_refused_signal()
         self._ids += 1
-        data = self._send(build(Signal, name=name, value=_vector(name, value), id=self._ids))
+        data = self._send(self._signal(name, _vector(name, value)))
         self.pending.expect_signaled(self._ids)
         if more:
             self._delayed = data
             return b""
         return data
+
+    def _signal(self, name: str, value: tuple[float, ...]) -> Signal:
+        """Return a signal; a name is validated once, because controllers share the same ones at every tick."""
+        if type(name) is str and name in self._names and _fits_signal(value):
+            return unvalidated(Signal, name=name, value=value, id=self._ids)
+        signal: Signal = build(Signal, name=name, value=value, id=self._ids)
+        self._names.add(name)
+        return signal
 
     def missing_subscription(self, robot: str) -> Subscribe | None:
         """Return the subscription required for this robot's ticks; None if the present one includes them."""
@@ -330,16 +342,26 @@ def build(model: type[Message], **fields: Any) -> Any:
         raise BadArgument(f"{where}: {problem['msg']}") from None
 
 
+def _fits_signal(value: tuple[float, ...]) -> bool:
+    """Return True if the numbers are valid as a signal's value."""
+    return 0 < len(value) <= MAX_SIGNAL and all(map(isfinite, value))
+
+
 def _increment(dq: Iterable[Any]) -> tuple[Any, ...]:
     values = dq.tolist() if hasattr(dq, "tolist") else dq
     try:
-        return tuple(value.item() if hasattr(value, "item") else value for value in values)
+        return tuple([value if type(value) is float else _number(value) for value in values])
     except TypeError:
         raise BadArgument(f"dq: expected a sequence of numbers, got {type(dq).__name__}") from None
 
 
+def _number(value: Any) -> Any:
+    """Return a number of numpy as one of Python; anything else unchanged."""
+    return value.item() if hasattr(value, "item") else value
+
+
 def _vector(name: str, value: Iterable[float] | float) -> tuple[float, ...]:
     try:
-        return tuple(float(x) for x in value) if isinstance(value, Iterable) else (float(value),)
+        return tuple(map(float, value)) if isinstance(value, Iterable) else (float(value),)
     except (TypeError, ValueError):
         raise BadArgument(f"signal {name}: expected a number or numbers, got {value!r:.60}") from None
