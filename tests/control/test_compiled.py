@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from armgate.cell.compilation import available
+from armgate.control.chase import Aim, Motion
 from armgate.control.compiled import CompiledLaw, camera_law
 from armgate.control.gains import Gains
 from armgate.control.integrate import Scheme
@@ -101,6 +102,61 @@ def test_remaining_shares_scale_the_weights(pair, fr):
             )
             same(fast(q, packed), law(q, goal))
         same(fast.induced(q, packed, v), law.induced(q, goal, v))
+
+
+def chases(robot, bounds, count, seed):
+    """Yield motions, near limits and at speeds that need braking or blending, and what to chase."""
+    rng = np.random.default_rng(seed)
+    for q, p, distance, around, v in states(robot, count, seed=seed):
+        start = robot.start + rng.choice([0.05, 0.9]) * (q - robot.start)
+        if rng.uniform() < 0.3:  # almost in view, at rest
+            at = robot.model.frame(start, "camera")
+            target = at.t + distance * at.R[:, 2] + 1e-5 * v
+            yield Motion(start, start, np.zeros(6)), (target, np.zeros(3), distance), around, (bounds, None)
+            continue
+        last = rng.choice([0.0, 0.3, 1.0]) * rng.uniform(-1.0, 1.0, 6) * bounds.step
+        limits, ways = bounds, None
+        if rng.uniform() < 0.3:
+            near = bounds.tightened(start - rng.uniform(0.0, 0.05, 6), start + rng.uniform(0.0, 0.05, 6))
+            limits, ways = near, rng.uniform(0.1, 1.0, (2, 6))
+        motion = Motion(start + rng.choice([0.0, 1e-3]), start, last)
+        yield motion, (p, rng.choice([0.0, 0.1]) * v, distance), around, (limits, ways)
+
+
+@pytest.mark.daily(2)
+@pytest.mark.parametrize("emergency", [False, True])
+def test_chase_with_limits_acceleration_and_kept_view(pair, fr, bounds, emergency):
+    kinds = set()
+    for motion, target, around, room in chases(fr, bounds, 150, seed=7):
+        reference, ours = (
+            law.chase(bounds, 0.012, Scheme()).step(
+                motion, Aim(*target, law.scene(around, motion.setpoint), emergency, *room)
+            )
+            for law in pair
+        )
+        assert (ours.steps, ours.ended, ours.bounded) == (reference.steps, reference.ended, reference.bounded)
+        np.testing.assert_allclose(ours.dq, reference.dq, rtol=0.0, atol=1e-10)
+        kinds.add((ours.ended, ours.bounded, room[0].admits(motion.last, motion.setpoint)))
+    assert len(kinds) >= 3
+
+
+def test_view_errors(pair, fr):
+    law, fast = pair
+    for q, p, distance, _, _ in states(fr, 50, seed=8):
+        same(fast.errors(q, p, distance), law.errors(q, p, distance))
+
+
+def test_a_scene_can_be_used_again_after_a_chase(pair, fr, bounds):
+    _, fast = pair
+    around = Obstacles(np.array([[1.0, 0.0, 1.0]]), np.array([0.2]), 0.0)
+    scene, goal = fast.scene(around, fr.start), ([2.0, 0.1, 1.0], 1.0)
+    before = fast(fr.start, fast.goal(*goal, scene))
+    ways = np.zeros((2, 6))
+    fast.chase(bounds, 0.012, Scheme()).step(
+        Motion(fr.start, fr.start, np.zeros(6)),
+        Aim(np.ones(3), np.ones(3), 0.7, scene, True, bounds, ways),
+    )
+    np.testing.assert_array_equal(fast(fr.start, fast.goal(*goal, scene)), before)
 
 
 def test_gaps_with_and_without_obstacles(pair, fr):

@@ -156,7 +156,7 @@ class Session:
         return data
 
     def _signal(self, name: str, value: tuple[float, ...]) -> Signal:
-        """Return a signal; a name is validated once, because controllers share the same ones at every tick."""
+        """Return a signal; a name is validated once, as controllers share the same ones at every tick."""
         if type(name) is str and name in self._names and _fits_signal(value):
             return unvalidated(Signal, name=name, value=value, id=self._ids)
         signal: Signal = build(Signal, name=name, value=value, id=self._ids)

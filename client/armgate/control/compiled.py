@@ -18,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from armgate.cell.compilation import available
 from armgate.cell.model import RobotModel
+from armgate.control.bounds import IncrementBounds
+from armgate.control.chase import Aim, Chase, Chased, Motion
 from armgate.control.gains import Gains
 from armgate.control.integrate import Ended, Integration, Scheme
 from armgate.control.law import CameraLaw, Goal, Scene
@@ -31,6 +33,8 @@ Packed = NDArray[np.uint8]
 
 NOT_OURS = "expected a scene or goal made by this law"
 
+_KERNELS = ("_kernels", "_evaluate", "_survey")
+"""Attributes of a law that are not pickled."""
 _ENDED = (Ended.CONVERGED, Ended.BOUND, Ended.BUDGET)
 
 
@@ -64,7 +68,11 @@ def prepare() -> None:
     kernels.integrate(q, q, q + 1.0, (0.1, 1, 0.3, 1e-6, 0.1, 1.0), packed)
     kernels.task(q, packed)
     kernels.induced(q, packed)
-    kernels.gaps(q, packed)
+    kernels.survey(q, np.zeros((1, 3)), q, 0.0, packed)
+    kernels.look(q, 0.0, 0.0, 1.0, 1.0, packed)
+    kernels.watch(q, np.zeros((1, 3)), packed)
+    rows, numbers = np.ones((kernels.DQ + 1, 1)), np.array([0.01, 0.1, 1.0, 0.3, 1e-6, 0.1, 1.0])
+    kernels.chase(np.ones(8), rows, numbers, packed)
 
 
 def _kernels() -> ModuleType:
@@ -112,17 +120,19 @@ class CompiledLaw(CameraLaw):
             self._pack_camera(), np.zeros(1, self._kernels.GOAL), self._pack_joints(), np.ones((3, model.n)),
             self._pack_spheres(), self._pack_pairs(),
         )  # fmt: skip
-        none = np.zeros(0, self._kernels.OBSTACLE)
-        self._alone = PackedScene(np.zeros(model.n), np.inf, np.inf, self._packed_with(none))
+        # Arrays without a scene and a goal, by the number of obstacles.
+        self._blank: dict[int, Packed] = {}
+        self._alone = PackedScene(np.zeros(model.n), np.inf, np.inf, self._packed_with(0))
 
     def _load(self) -> None:
         prepare()
         self._kernels = _kernels()
         self._evaluate = self._kernels.evaluate
+        self._survey = self._kernels.survey
 
     def __getstate__(self) -> dict[str, Any]:
         """Return the state without the kernels: a module cannot be pickled."""
-        return {name: value for name, value in vars(self).items() if name not in ("_kernels", "_evaluate")}
+        return {name: value for name, value in vars(self).items() if name not in _KERNELS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore the state, with the kernels of this process."""
@@ -131,13 +141,10 @@ class CompiledLaw(CameraLaw):
 
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
         """Return a scene; see `CameraLaw.scene`."""
-        records = np.empty(len(obstacles.radii), self._kernels.OBSTACLE)
-        records["centre"], records["radius"] = obstacles.centres, obstacles.radii
-        packed, around = self._packed_with(records), _own(q)
-        goal, rows = self._goal_in(packed)
-        goal["floor"] = -np.inf if obstacles.floor is None else obstacles.floor
-        gap, own_gap = self._kernels.gaps(around, packed)
-        goal["gap"], goal["own_gap"], rows[0] = gap, own_gap, around
+        packed, around = self._packed_with(len(obstacles.radii)), _own(q)
+        floor = -np.inf if obstacles.floor is None else obstacles.floor
+        centres, radii = _own(obstacles.centres), _own(obstacles.radii)
+        gap, own_gap = self._survey(around, centres, radii, floor, packed)
         return PackedScene(around, gap, own_gap, packed)
 
     def goal(
@@ -202,8 +209,30 @@ class CompiledLaw(CameraLaw):
         qd: Vector = self._kernels.induced(_own(q), moving.packed)
         return qd
 
-    def _packed_with(self, obstacles: Records) -> Packed:
-        return _pack((*self._own_parts, obstacles))
+    def errors(self, q: Vector, p: ArrayLike, wanted: float) -> tuple[float, float]:
+        """Return angle and distance error; see `CameraLaw.errors`."""
+        x, y, z = vector(np.asarray(p, dtype=np.float64))
+        angle, distance = self._kernels.look(_own(q), x, y, z, wanted, self._alone.packed)
+        return angle, distance
+
+    def chase(self, bounds: IncrementBounds, period: float, scheme: Scheme) -> CompiledChase:
+        """Return the increments towards the optimum of this law; see `Chase`."""
+        return CompiledChase(self, bounds, period, scheme)
+
+    def chased(self, aim: Vector, rows: Vector, numbers: Vector, scene: Scene) -> tuple[int, Ended, bool]:
+        """Write the increment of `CompiledChase`; return the steps made, the end, and `Chased.bounded`."""
+        if not isinstance(scene, PackedScene):
+            raise TypeError(NOT_OURS)
+        steps, ended, bounded = self._kernels.chase(aim, rows, numbers, scene.packed.copy())
+        return steps, _ENDED[ended], bounded
+
+    def _packed_with(self, count: int) -> Packed:
+        """Return a new array with room for a scene of this many obstacles."""
+        blank = self._blank.get(count)
+        if blank is None:
+            blank = _pack((*self._own_parts, np.zeros(count, self._kernels.OBSTACLE)))
+            self._blank = {count: blank}
+        return blank.copy()
 
     def _goal_in(self, packed: Packed) -> tuple[Records, Vector]:
         """Return the goal's record and its rows (3, n), as writable views."""
@@ -261,6 +290,32 @@ class CompiledLaw(CameraLaw):
         ):
             camera[name] = getattr(gains, name)
         return camera
+
+
+class CompiledChase(Chase):
+    """`Chase` of a compiled law, as one call of a kernel on arrays that are made once."""
+
+    _law: CompiledLaw
+
+    def __init__(self, law: CompiledLaw, bounds: IncrementBounds, period: float, scheme: Scheme) -> None:
+        super().__init__(law, bounds, period, scheme)
+        kernels = _kernels()
+        self._aim = np.zeros(8)
+        self._numbers = np.array([period, *scheme.numbers])
+        self._rows = np.ones((kernels.DQ + 1, law.model.n))
+        self._rows[kernels.STEP], self._rows[kernels.CHANGE] = bounds.step, bounds.change
+        self._rows[kernels.FAR] = self._far
+
+    def step(self, motion: Motion, aim: Aim) -> Chased:
+        """Return the increment towards the optimum, as far as the bounds allow."""
+        rows, bounds = self._rows, aim.bounds
+        # In the order of `kernels.START`, …
+        rows[:5] = motion.start, motion.setpoint, motion.last, bounds.lower, bounds.upper
+        rows[8:10] = 1.0 if aim.ways is None else aim.ways
+        self._aim[:3], self._aim[3:6] = aim.focus, aim.velocity
+        self._aim[6], self._aim[7] = aim.distance, aim.emergency
+        steps, ended, bounded = self._law.chased(self._aim, rows, self._numbers, aim.scene)
+        return Chased(rows[10].copy(), steps, ended, bounded)
 
 
 def _own(values: Vector) -> Vector:

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.control.bounds import IncrementBounds
+from armgate.control.chase import SHORT, Aim, Motion
 from armgate.control.integrate import Ended, Scheme
-from armgate.control.law import CameraLaw, Goal, Scene
+from armgate.control.law import CameraLaw, Scene
 from armgate.control.near_bodies import NearPair, limits_near_bodies
 from armgate.control.predict import Predictor
 from armgate.control.repulsion import Emergency, Obstacles
-from armgate.control.shaping import RESERVE, braking_way, shape_chord
-from armgate.control.view_errors import view_errors
-from armgate.control.view_keeping import corrected, drawn_in, projection, slowed, view_vector
+from armgate.control.shaping import RESERVE, braking_way
 from armgate.control.weights import Vector
-
-# Largest difference of increments that count as equal, rad or m.
-SHORT = 1e-9
-# The chord (see `shaping`) ends at the latest where a joint has covered its braking distance from the speed
-# that it can reach in this many ticks. A longer chord turns the view more, and joints that must brake or
-# accelerate at the same time cannot always correct that: with the braking distance from full speed the angle
-# rose again in 2 of 520 approaches, by up to 0.24°. With one tick the robot hardly accelerates.
-SOON = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,36 +46,6 @@ class Situation:
     obstacles: Obstacles
     stop_end: Vector | None = None
     near: tuple[NearPair, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Aim:
-    """Goal of one increment: target at the time at which dq takes effect, its velocity, obstacles, bounds.
-
-    Attributes:
-        focus: predicted target, (3,), m.
-        velocity: its velocity, (3,), m/s.
-        scene: the obstacles.
-        emergency: True to use (13) instead of (9).
-        bounds: bounds of the increment.
-        ways: see `law.Goal`.
-    """
-
-    focus: Vector
-    velocity: Vector
-    scene: Scene
-    emergency: bool
-    bounds: IncrementBounds
-    ways: Vector | None
-
-
-@dataclass(frozen=True, slots=True)
-class LawPath:
-    """Path of the law in a tick: its start, the increment induced by the target's motion, and its end."""
-
-    start: Vector
-    induced: Vector
-    end: Vector
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +117,7 @@ class Follower:
         self._bounds = bounds
         self._period = period
         self._ahead = ahead
-        self._scheme = Scheme() if scheme is None else scheme
+        self._chased = law.chase(bounds, period, Scheme() if scheme is None else scheme)
         self._predictor = Predictor() if predictor is None else predictor
         self._stale = stale
         self._predict = predict
@@ -183,7 +145,7 @@ class Follower:
             return self._follow_step(now, scene, dq, _lost_reason(age))
         focus, velocity = self._focus(age)
         plan = self._drift if self._real_time else self._chase
-        dq, why, steps = plan(now, Aim(focus, velocity, scene, emergency, bounds, ways))
+        dq, why, steps = plan(now, Aim(focus, velocity, now.distance, scene, emergency, bounds, ways))
         return self._follow_step(now, scene, dq, why, focus=focus, steps=steps)
 
     def _focus(self, age: float) -> tuple[Vector, Vector]:
@@ -202,43 +164,9 @@ class Follower:
 
     def _chase(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
         """Return the increment towards the optimum, as far as the bounds allow."""
-        law, bounds = self._law, aim.bounds
-        q = now.q if self._measured else now.setpoint
-        goal = law.goal(aim.focus, now.distance, aim.scene, emergency=aim.emergency, ways=aim.ways)
-        induced = np.zeros_like(q)
-        if not aim.emergency and aim.velocity.any():
-            induced = self._period * law.induced(q, goal, aim.velocity)
-        run = law.run(q + induced, goal, self._reference_reach(now.last, induced), self._scheme, origin=q)
-        wanted = shape_chord(run.q - q, induced, bounds.step, bounds.change)
-        dq = bounds.within(wanted, now.last, now.setpoint)
-        bounded = bool(np.abs(dq - wanted).max() > SHORT)
-        if not aim.emergency and float(np.abs(run.q - q - dq).max()) > SHORT:
-            dq = self._with_kept_view(dq, LawPath(q, induced, run.q), goal, now, bounds)
-        return dq, _reason(run.ended, aim.emergency, bounded), run.steps
-
-    def _reference_reach(self, last: Vector, induced: Vector) -> Vector:
-        """Return the reach of the reference, (n,): the braking distance from the speed in `SOON` ticks."""
-        bounds = self._bounds
-        soon = np.minimum(np.abs(last) + SOON * bounds.change, bounds.step)
-        far: Vector = np.minimum(braking_way(soon, RESERVE * bounds.change) + np.abs(induced), self._reach)
-        return far
-
-    def _with_kept_view(
-        self, dq: Vector, path: LawPath, goal: Goal, now: Situation, bounds: IncrementBounds
-    ) -> Vector:
-        """Return `dq`, corrected to keep the view of the law's path; the straight chord would turn it."""
-        law = self._law
-        psi, J_t = law.task(path.start + path.induced, goal)
-        start, end = view_vector(psi), view_vector(law.task(path.end, goal)[0])
-        dq = bounds.within(slowed(dq, path.induced, psi, J_t, bounds.change), now.last, now.setpoint)
-        psi, J_t = law.task(path.start + dq, goal)
-        v = view_vector(psi)
-        if (allowed := drawn_in(v, start, end)) == v:
-            return dq
-        wanted = projection(allowed)
-        low, high = bounds.box(dq, now.last, now.setpoint)
-        dq = corrected(dq, (wanted[0] - psi[0], wanted[1] - psi[1]), J_t, low, high)
-        return bounds.within(dq, now.last, now.setpoint)
+        start = now.q if self._measured else now.setpoint
+        chased = self._chased.step(Motion(start, now.setpoint, now.last), aim)
+        return chased.dq, _reason(chased.ended, aim.emergency, chased.bounded), chased.steps
 
     def _drift(self, now: Situation, aim: Aim) -> tuple[Vector, str, int]:
         """Return the increment of one period in real time with P ṗ, for the target at mid-period."""
@@ -282,14 +210,14 @@ class Follower:
     def _errors(self, now: Situation) -> tuple[float | None, float | None]:
         if now.target is None:
             return None, None
-        return view_errors(self._law.model, self._law.frame, now.q, now.target, now.distance)
+        return self._law.errors(now.q, now.target, now.distance)
 
     def _check(self, now: Situation) -> None:
         n = self._law.model.n
         for name, value in (("setpoint", now.setpoint), ("last", now.last), ("q", now.q)):
-            if value.shape != (n,) or not np.isfinite(value).all():
+            if value.shape != (n,) or not all(map(isfinite, value.tolist())):
                 raise ValueError(f"{name}: expected {n} finite numbers, got {value}")
-        if not (np.isfinite(now.time) and np.isfinite(now.distance) and now.distance > 0.0):
+        if not (isfinite(now.time) and isfinite(now.distance) and now.distance > 0.0):
             raise ValueError(f"expected a finite time and a distance > 0, got {now.time} and {now.distance}")
 
 

@@ -7,11 +7,13 @@ cache tracks only the file of the function that it compiled: a change in here ca
 
 from __future__ import annotations
 
-from math import asin, atan2, cos, hypot, pi, sin, sqrt
+from math import asin, atan, atan2, cos, floor, hypot, pi, sin, sqrt, tan
 
 import numpy as np
 
 from armgate.cell.compilation import kernel
+from armgate.control import shaping, view_keeping
+from armgate.control.chase import SHORT, SOON
 from armgate.control.gradient import DAMPING
 from armgate.control.law import INDUCED_DAMPING
 from armgate.control.stereographic import ANTIPODE_GUARD, LENS_GUARD
@@ -444,9 +446,7 @@ def advance(q, h, packed):
 
 
 @kernel
-def integrate(start, origin, reach, scheme, packed):
-    """Compute `integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
-    scene = _scene(packed)
+def _integrate(start, origin, reach, scheme, scene):
     step, budget, split, resolution, tolerance, most = scheme
     q, longest = start.copy(), step
     for steps in range(budget):
@@ -474,17 +474,34 @@ def integrate(start, origin, reach, scheme, packed):
 
 
 @kernel
+def integrate(start, origin, reach, scheme, packed):
+    """Compute `integrate.integrate`: q^r, steps made, and 0 converged, 1 bound or 2 budget."""
+    return _integrate(start, origin, reach, scheme, _scene(packed))
+
+
+@kernel
 def task(q, packed):
     """Compute `CameraLaw.task`: Ψ_1, Ψ_2 and M, whose first two rows are ∂Ψ/∂q."""
-    M, F_rep = np.empty((4, len(q))), np.empty(len(q))
-    psi1, psi2, _, _, _ = _terms(q, _scene(packed), M, F_rep)
+    M = np.empty((4, len(q)))
+    psi1, psi2 = _task(q, _scene(packed), M)
     return psi1, psi2, M
+
+
+@kernel
+def _task(q, scene, M):
+    psi1, psi2, _, _, _ = _terms(q, scene, M, np.empty(len(q)))
+    return psi1, psi2
 
 
 @kernel
 def induced(q, packed):
     """Compute `CameraLaw.induced` for the goal's own velocity, (n,)."""
-    scene, n = _scene(packed), len(q)
+    return _induced(q, _scene(packed))
+
+
+@kernel
+def _induced(q, scene):
+    n = len(q)
     M, F_rep, w, directed = np.empty((4, n)), np.empty(n), np.empty(n), np.empty((2, n))
     psi1, psi2, drift1, drift2, along = _terms(q, scene, M, F_rep)
     _weights(q, scene, directed)
@@ -511,9 +528,26 @@ def induced(q, packed):
 
 
 @kernel
-def gaps(q, packed):
+def survey(q, centres, radii, height, packed):
+    """Complete a scene around q for obstacles (m, 3), (m,) and a floor; return both gaps of `Scene`."""
+    scene = _scene(packed)
+    _, goals, rows, obstacles = scene
+    goal = goals[0]
+    for k in range(len(obstacles)):
+        obstacles[k].radius = radii[k]
+        for c in range(3):
+            obstacles[k].centre[c] = centres[k, c]
+    goal.floor = height
+    goal.gap, goal.own_gap = _gaps(q, scene)
+    for i in range(len(q)):
+        rows[0, i] = q[i]
+    return goal.gap, goal.own_gap
+
+
+@kernel
+def _gaps(q, scene):
     """Compute `Repulsion.least_gap` and `OwnPairs.least_gap` at q."""
-    (joints, spheres, pairs, _), goals, _, obstacles = _scene(packed)
+    (joints, spheres, pairs, _), goals, _, obstacles = scene
     floor = goals[0].floor
     n = len(joints)
     R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
@@ -533,3 +567,342 @@ def gaps(q, packed):
         _, distance = _apart(centres[pair.a], centres[pair.b])
         own = min(own, distance - pair.touching)
     return least, own
+
+
+@kernel
+def look(q, x, y, z, wanted, packed):
+    """Compute `view_errors` for the target (x, y, z)."""
+    joints, _, _, cameras = _scene(packed)[0]
+    camera, n = cameras[0], len(joints)
+    R, t, J, axes = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n)), np.empty((3, 3))
+    _place(joints, q, R, t, J)
+    _product(R[camera.joint], camera.R, axes)
+    lens = _tip(camera, R, t)
+    r = (x - lens[0], y - lens[1], z - lens[2])
+    across = hypot(
+        axes[0, 0] * r[0] + axes[1, 0] * r[1] + axes[2, 0] * r[2],
+        axes[0, 1] * r[0] + axes[1, 1] * r[1] + axes[2, 1] * r[2],
+    )
+    along = axes[0, 2] * r[0] + axes[1, 2] * r[1] + axes[2, 2] * r[2]
+    return atan2(across, along), hypot(across, along) - wanted
+
+
+@kernel
+def watch(q, centres, packed):
+    """Compute `Leader.at`: write the spheres' centres (k, 3), and return the point of the tool."""
+    joints, spheres, _, cameras = _scene(packed)[0]
+    n = len(joints)
+    R, t, J = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((6, n))
+    _place(joints, q, R, t, J)
+    centres[:] = _centres(spheres, R, t)
+    return _tip(cameras[0], R, t)
+
+
+@kernel
+def _tip(frame, R, t):
+    """Return the origin of a frame that a joint or the base (joint −1) carries."""
+    if frame.joint < 0:
+        return frame.t[0], frame.t[1], frame.t[2]
+    o = _turned(R[frame.joint], frame.t)
+    return t[frame.joint, 0] + o[0], t[frame.joint, 1] + o[1], t[frame.joint, 2] + o[2]
+
+
+# --- chase of the optimum: bounds, shaping and kept view ---------------------------------------------------
+
+# Rows (n,) of the array for `chase`: positions, last increment and bounds, and its result.
+START, SETPOINT, LAST, LOWER, UPPER, STEP, CHANGE, FAR, DOWN, UP, DQ = range(11)
+
+
+@kernel
+def _decay(dq, rows):
+    """Compute `IncrementBounds._decay`."""
+    decay = np.inf
+    for i in range(len(dq)):
+        if abs(dq[i]) > 1e-15:
+            decay = min(decay, rows[CHANGE, i] / abs(dq[i]))
+    return decay
+
+
+@kernel
+def _stop(dq, rows):
+    """Compute `IncrementBounds.stop`."""
+    decay = _decay(dq, rows)
+    if decay >= 1.0:
+        return 0.0
+    ticks = floor(1.0 / decay)
+    return ticks - 0.5 * decay * ticks * (ticks + 1)
+
+
+@kernel
+def _clip(value, low, high):
+    return min(max(value, low), high)
+
+
+@kernel
+def _admits(dq, rows):
+    """Compute `IncrementBounds.admits`."""
+    share = 1.0 + _stop(dq, rows)
+    for i in range(len(dq)):
+        at = rows[SETPOINT, i]
+        ahead = rows[UPPER, i] - at if dq[i] > 0.0 else at - rows[LOWER, i]
+        if not abs(share * dq[i]) <= max(ahead, 0.0) + 1e-12:
+            return False
+    return True
+
+
+@kernel
+def _box(wanted, rows, low, high):
+    """Compute `IncrementBounds.box`."""
+    share = 1.0 / (1.0 + _stop(wanted, rows))
+    for i in range(len(wanted)):
+        at, step = rows[SETPOINT, i], rows[STEP, i]
+        least, most = rows[LAST, i] - rows[CHANGE, i], rows[LAST, i] + rows[CHANGE, i]
+        down, up = min(rows[LOWER, i] - at, 0.0), max(rows[UPPER, i] - at, 0.0)
+        low[i] = _clip(max(-step, share * down), least, most)
+        high[i] = _clip(min(step, share * up), least, most)
+
+
+@kernel
+def _within(wanted, rows, dq):
+    """Compute `IncrementBounds.within`; `dq` may be `wanted`."""
+    n = len(wanted)
+    room = np.empty((3, n))
+    clipped, low, high = room[0], room[1], room[2]
+    for i in range(n):
+        clipped[i] = _clip(wanted[i], -rows[STEP, i], rows[STEP, i])
+    _box(clipped, rows, low, high)
+    for i in range(n):
+        dq[i] = _clip(wanted[i], low[i], high[i])
+    if not _admits(dq, rows):
+        _blend(dq, rows)
+
+
+@kernel
+def _blend(dq, rows):
+    """Compute `IncrementBounds._blend` of the braking increment and `dq`, in place."""
+    n = len(dq)
+    room = np.empty((3, n))
+    safe, wanted, tried = room[0], room[1], room[2]
+    braked = max(0.0, 1.0 - _decay(rows[LAST], rows))
+    for i in range(n):
+        safe[i], wanted[i] = rows[LAST, i] * braked, dq[i]
+    low, high = 0.0, 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        for i in range(n):
+            tried[i] = safe[i] + middle * (wanted[i] - safe[i])
+        if _admits(tried, rows):
+            low = middle
+        else:
+            high = middle
+    for i in range(n):
+        dq[i] = safe[i] + low * (wanted[i] - safe[i])
+
+
+@kernel
+def _braking_increment(way, change):
+    """Compute `shaping.braking_increment`."""
+    return 0.5 * (sqrt(change * (change + 8.0 * way)) - change)
+
+
+@kernel
+def _reach(rows, induced, reach):
+    """Compute `Chase._reach`."""
+    for i in range(len(reach)):
+        change = shaping.RESERVE * rows[CHANGE, i]
+        soon = min(abs(rows[LAST, i]) + SOON * rows[CHANGE, i], rows[STEP, i])
+        way = soon * (soon + change) / (2.0 * change)
+        reach[i] = min(way + abs(induced[i]), rows[FAR, i])
+
+
+@kernel
+def _shape(chord, induced, rows, wanted):
+    """Compute `shaping.shape_chord`."""
+    share = 1.0
+    for i in range(len(chord)):
+        rest = abs(chord[i] - induced[i])
+        if rest > 1e-15:
+            braking = _braking_increment(rest, shaping.RESERVE * rows[CHANGE, i])
+            limit = min(braking, max(rows[STEP, i] - abs(induced[i]), 0.0))
+            share = min(share, limit / rest)
+    for i in range(len(chord)):
+        wanted[i] = induced[i] + share * (chord[i] - induced[i])
+
+
+@kernel
+def _view(psi1, psi2):
+    """Compute `view_keeping.view_vector`."""
+    rho = hypot(psi1, psi2)
+    scale = 2.0 if rho < 1e-9 else 2.0 * atan(rho) / rho
+    return scale * psi1, scale * psi2
+
+
+@kernel
+def _projection(v):
+    """Compute `view_keeping.projection`."""
+    theta = hypot(v[0], v[1])
+    scale = 0.5 if theta < 1e-9 else tan(0.5 * theta) / theta
+    return scale * v[0], scale * v[1]
+
+
+@kernel
+def _slow(dq, induced, psi1, psi2, M, rows):
+    """Compute `view_keeping.slowed`, in place."""
+    rho = hypot(psi1, psi2)
+    if rho < 1e-4:
+        return
+    factor, squares, falls = 2.0 / ((1.0 + rho * rho) * rho), 0.0, 0.0
+    for i in range(len(dq)):
+        slope = factor * (psi1 * M[0, i] + psi2 * M[1, i])
+        squares += (slope * rows[CHANGE, i]) ** 2
+        falls -= slope * (dq[i] - induced[i])
+    may = _braking_increment(2.0 * atan(rho), view_keeping.RESERVE * sqrt(squares))
+    if falls > may:
+        for i in range(len(dq)):
+            dq[i] = induced[i] + (may / falls) * (dq[i] - induced[i])
+
+
+@kernel
+def _drawn_in(v, start, end):
+    """Compute `view_keeping.drawn_in`."""
+    way = (end[0] - start[0], end[1] - start[1])
+    squared, share = way[0] ** 2 + way[1] ** 2, 1.0
+    if squared > 0.0:
+        share = _clip(((v[0] - start[0]) * way[0] + (v[1] - start[1]) * way[1]) / squared, 0.0, 1.0)
+    widest = hypot(start[0] + share * way[0], start[1] + share * way[1])
+    angle = hypot(v[0], v[1])
+    scale = 1.0 if angle <= widest else widest / angle
+    return scale * v[0], scale * v[1]
+
+
+@kernel
+def _floor(M, low, high, mobility):
+    """Write the mobilities of `view_keeping.corrected`, and return its damping."""
+    trace = 0.0
+    for i in range(len(mobility)):
+        mobility[i] = (high[i] - low[i]) ** 2
+        trace += (M[0, i] * M[0, i] + M[1, i] * M[1, i]) * mobility[i]
+    return view_keeping.DAMPING * trace
+
+
+@kernel
+def _correct(dq, e1, e2, M, low, high):
+    """Compute `view_keeping.corrected`, in place."""
+    n = len(dq)
+    mobility = np.empty(n)
+    damping = _floor(M, low, high, mobility)
+    if damping == 0.0:
+        return
+    for _ in range(view_keeping.ROUNDS):
+        s11, s12, s22 = damping, 0.0, damping
+        for i in range(n):
+            s11 += M[0, i] * mobility[i] * M[0, i]
+            s12 += M[0, i] * mobility[i] * M[1, i]
+            s22 += M[1, i] * mobility[i] * M[1, i]
+        det = s11 * s22 - s12 * s12
+        l1, l2 = (s22 * e1 - s12 * e2) / det, (s11 * e2 - s12 * e1) / det
+        left = False
+        for i in range(n):
+            u = _clip(dq[i] + (l1 * M[0, i] + l2 * M[1, i]) * mobility[i], low[i], high[i])
+            e1 -= M[0, i] * (u - dq[i])
+            e2 -= M[1, i] * (u - dq[i])
+            dq[i] = u
+            if low[i] < u < high[i]:
+                left = True
+            else:
+                mobility[i] = 0.0
+        if not left or max(abs(e1), abs(e2)) < 1e-12:
+            return
+
+
+@kernel
+def _keep_view(dq, induced, end, rows, scene):
+    """Compute `Chase._with_kept_view`, in place."""
+    n = len(dq)
+    M, room = np.empty((4, n)), np.empty((3, n))
+    at, low, high = room[0], room[1], room[2]
+    here = _view(*_task(end, scene, M))
+    for i in range(n):
+        at[i] = rows[START, i] + induced[i]
+    psi1, psi2 = _task(at, scene, M)
+    _slow(dq, induced, psi1, psi2, M, rows)
+    _within(dq, rows, dq)
+    start = _view(psi1, psi2)
+    for i in range(n):
+        at[i] = rows[START, i] + dq[i]
+    psi1, psi2 = _task(at, scene, M)
+    v = _view(psi1, psi2)
+    allowed = _drawn_in(v, start, here)
+    if allowed[0] == v[0] and allowed[1] == v[1]:
+        return
+    wanted = _projection(allowed)
+    _box(dq, rows, low, high)
+    _correct(dq, wanted[0] - psi1, wanted[1] - psi2, M, low, high)
+    _within(dq, rows, dq)
+
+
+@kernel
+def _aim(aim, rows, scene):
+    """Write the goal, but not its velocity; return True in an emergency."""
+    _, goals, ways, _ = scene
+    goal = goals[0]
+    for c in range(3):
+        goal.p[c], goal.velocity[c] = aim[c], 0.0
+    goal.distance, goal.emergency = aim[6], int(aim[7])
+    for i in range(len(rows[START])):
+        ways[1, i], ways[2, i] = rows[DOWN, i], rows[UP, i]
+    return aim[7] != 0.0
+
+
+@kernel
+def _carried(aim, period, rows, scene, induced):
+    """Compute `Chase._induced`."""
+    induced[:] = 0.0
+    if aim[7] != 0.0 or (aim[3] == 0.0 and aim[4] == 0.0 and aim[5] == 0.0):
+        return
+    velocity = scene[1][0].velocity
+    for c in range(3):
+        velocity[c] = aim[3 + c]
+    qd = _induced(rows[START], scene)
+    for i in range(len(qd)):
+        induced[i] = period * qd[i]
+    velocity[:] = 0.0
+
+
+@kernel
+def _furthest(a, b):
+    furthest = 0.0
+    for i in range(len(a)):
+        furthest = max(furthest, abs(a[i] - b[i]))
+    return furthest
+
+
+@kernel
+def chase(aim, rows, numbers, packed):
+    """Compute `Chase.step`: write dq, and return the steps made, the end as `integrate`, and `bounded`.
+
+    Args:
+        aim: focus, its velocity, wanted distance and 1.0 in an emergency, (8,).
+        rows: see `START` to `DQ`, (11, n).
+        numbers: period, and the parameters of the scheme, (7,).
+        packed: the scene, whose goal is overwritten.
+    """
+    scene, n = _scene(packed), rows.shape[1]
+    emergency = _aim(aim, rows, scene)
+    room = np.empty((5, n))
+    induced, reach, start, chord, wanted = room[0], room[1], room[2], room[3], room[4]
+    q, dq = rows[START], rows[DQ]
+    _carried(aim, numbers[0], rows, scene, induced)
+    _reach(rows, induced, reach)
+    for i in range(n):
+        start[i] = q[i] + induced[i]
+    scheme = (numbers[1], int(numbers[2]), numbers[3], numbers[4], numbers[5], numbers[6])
+    end, steps, ended = _integrate(start, q, reach, scheme, scene)
+    for i in range(n):
+        chord[i] = end[i] - q[i]
+    _shape(chord, induced, rows, wanted)
+    _within(wanted, rows, dq)
+    bounded = _furthest(dq, wanted) > SHORT
+    if not emergency and _furthest(chord, dq) > SHORT:
+        _keep_view(dq, induced, end, rows, scene)
+    return steps, ended, bounded

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.cell.model import RobotModel
+from armgate.control.bounds import IncrementBounds
+from armgate.control.chase import Chase
 from armgate.control.gains import Gains
 from armgate.control.gradient import limited_gradient
 from armgate.control.integrate import Integration, Scheme, integrate, rk4
@@ -21,6 +23,7 @@ from armgate.control.spheres import Spheres
 from armgate.control.stereographic import camera_error
 from armgate.control.subtasks import distance_pull, roll_rate
 from armgate.control.vectors import V3, dot, vector, wrench
+from armgate.control.view_errors import view_errors
 from armgate.control.weights import LimitWeights, Vector
 
 # (m or rad)² per rad²: bounds `induced` if the view distance cannot be kept, for example with a straight
@@ -186,6 +189,14 @@ class CameraLaw:
         """Return Ψ (2) and ∂Ψ/∂q (2, n) at q."""
         terms = self.terms(q, goal)
         return terms.psi, terms.J_t
+
+    def errors(self, q: Vector, p: ArrayLike, wanted: float) -> tuple[float, float]:
+        """Return angle and distance error at q, (n,), for the target p, (3,), m; see `view_errors`."""
+        return view_errors(self.model, self.frame, q, p, wanted)
+
+    def chase(self, bounds: IncrementBounds, period: float, scheme: Scheme) -> Chase:
+        """Return the increments towards the optimum of this law; see `Chase`."""
+        return Chase(self, bounds, period, scheme)
 
     def terms(self, q: Vector, goal: Goal) -> Terms:
         """Return errors, Jacobians and fields at q, (n,).
