@@ -1,5 +1,6 @@
 """The compiled law compared with the numpy form over random states."""
 
+import pickle
 import subprocess
 import sys
 
@@ -7,11 +8,13 @@ import numpy as np
 import pytest
 
 from armgate.cell.compilation import available
+from armgate.cell.errors import ModelError
 from armgate.control.chase import Aim, Motion
-from armgate.control.compiled import CompiledLaw, camera_law
+from armgate.control.compiled import CompiledLaw, CompiledLeader, camera_law
 from armgate.control.gains import Gains
 from armgate.control.integrate import Scheme
 from armgate.control.law import CameraLaw
+from armgate.control.leader import Leader
 from armgate.control.repulsion import Obstacles
 from armgate.control.weights import LimitRule
 
@@ -144,6 +147,31 @@ def test_view_errors(pair, fr):
     law, fast = pair
     for q, p, distance, _, _ in states(fr, 50, seed=8):
         same(fast.errors(q, p, distance), law.errors(q, p, distance))
+
+
+@pytest.mark.parametrize("frame", ["tool0", "base_link"])
+@pytest.mark.parametrize("name", ["FR", "GR"])
+def test_leader(cell, name, frame):
+    model = cell.robot(name).model
+    leader, fast = Leader(model, frame, -0.5), CompiledLeader(model, frame, -0.5)
+    for one in (fast, pickle.loads(pickle.dumps(fast))):
+        for q, *_ in states(cell.robot(name), 30, seed=9):
+            (tool, around), (reference, expected) = one.at(q), leader.at(q)
+            same(tool, reference)
+            same(around.centres, expected.centres)
+            np.testing.assert_array_equal(around.radii, expected.radii)
+            assert around.floor == expected.floor == -0.5
+
+
+def test_leader_at_an_unknown_position(fr):
+    tool, around = CompiledLeader(fr.model, "tool0", 0.1).at(None)
+    assert (tool, len(around.radii), around.floor) == (None, 0, 0.1)
+
+
+def test_leader_with_an_unknown_tool(fr):
+    for kind in (Leader, CompiledLeader):
+        with pytest.raises(ModelError, match="no frame 'gripper'"):
+            kind(fr.model, "gripper", None)
 
 
 def test_a_scene_can_be_used_again_after_a_chase(pair, fr, bounds):

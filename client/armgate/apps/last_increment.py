@@ -15,11 +15,12 @@ class LastIncrement:
         self._tick: int | None = None
         self._setpoint: Array = np.zeros(0)
 
-    def update(self, tick: int, setpoint: Sequence[float]) -> Array:
+    def update(self, tick: int, setpoint: Sequence[float] | Array) -> Array:
         """Return the last increment (n,) for a tick's setpoint: zeros at first, a mean after missed ticks."""
         now = np.array(setpoint, dtype=float)
-        last = np.zeros_like(now)
-        if self._tick is not None and tick > self._tick:
+        if self._tick is None or tick <= self._tick:
+            last = np.zeros(len(now))
+        else:
             last = (now - self._setpoint) / (tick - self._tick)
         self._tick, self._setpoint = tick, now
         return last

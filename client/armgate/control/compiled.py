@@ -23,6 +23,7 @@ from armgate.control.chase import Aim, Chase, Chased, Motion
 from armgate.control.gains import Gains
 from armgate.control.integrate import Ended, Integration, Scheme
 from armgate.control.law import CameraLaw, Goal, Scene
+from armgate.control.leader import Leader
 from armgate.control.repulsion import Obstacles
 from armgate.control.spheres import Spheres
 from armgate.control.vectors import vector
@@ -33,14 +34,19 @@ Packed = NDArray[np.uint8]
 
 NOT_OURS = "expected a scene or goal made by this law"
 
-_KERNELS = ("_kernels", "_evaluate", "_survey")
-"""Attributes of a law that are not pickled."""
+_KERNELS = ("_kernels", "_evaluate", "_survey", "_watch")
+"""Attributes of laws and leaders that are not pickled."""
 _ENDED = (Ended.CONVERGED, Ended.BOUND, Ended.BUDGET)
 
 
 def camera_law(model: RobotModel, frame: str, gains: Gains | None = None) -> CameraLaw:
     """Return the camera law, compiled if possible; both forms agree to rounding."""
     return CompiledLaw(model, frame, gains) if available() else CameraLaw(model, frame, gains)
+
+
+def leader_of(model: RobotModel, tool: str, floor: float | None) -> Leader:
+    """Return the leader, compiled if possible; both forms agree to rounding."""
+    return CompiledLeader(model, tool, floor) if available() else Leader(model, tool, floor)
 
 
 @cache
@@ -241,29 +247,17 @@ class CompiledLaw(CameraLaw):
         return goal.view(self._kernels.GOAL), rows.view(np.float64).reshape(3, -1)
 
     def _pack_joints(self) -> Records:
-        model, weights = self.model, self._weights
-        joints = np.zeros(model.n, self._kernels.JOINT)
-        for i, joint in enumerate(model.joints):
-            placement = model.pin_model.jointPlacements[i + 1]
-            subspace = np.asarray(model.pin_model.joints[i + 1].createData().S).reshape(6)
-            slides = joint.kind == "prismatic"
-            joints[i]["R"], joints[i]["t"] = placement.rotation, placement.translation
-            joints[i]["axis"] = subspace[:3] if slides else subspace[3:]
-            joints[i]["slides"], joints[i]["parent"] = slides, model.parents[i]
+        weights, joints = self._weights, _joints(self.model)
         joints["slope"], joints["offset"] = weights.slope, weights.offset
         joints["strength"], joints["lever"] = weights.strength, self._arm.lever
         return joints
 
     def _pack_spheres(self) -> Records:
-        own, base = self.spheres, self._own.base
-        k = len(own.radii)
-        spheres = np.zeros(k + len(base), self._kernels.SPHERE)
-        moving, fixed = spheres[:k], spheres[k:]
-        moving["joint"], moving["radius"] = own.joints, own.radii
+        base = self._own.base
+        moving, fixed = _moving(self.spheres), np.zeros(len(base), self._kernels.SPHERE)
         moving["moves"], moving["sinks"] = self._arm.moves, self._arm.sinks
-        moving["centre"] = np.reshape([own.in_joint(i) for i in range(k)], (k, 3))
         fixed["joint"], fixed["centre"], fixed["radius"] = -1, base, self._own.base_radii
-        return spheres
+        return np.concatenate((moving, fixed))
 
     def _pack_pairs(self) -> Records:
         pairs = np.zeros(len(self._own.touching), self._kernels.PAIR)
@@ -316,6 +310,63 @@ class CompiledChase(Chase):
         self._aim[6], self._aim[7] = aim.distance, aim.emergency
         steps, ended, bounded = self._law.chased(self._aim, rows, self._numbers, aim.scene)
         return Chased(rows[10].copy(), steps, ended, bounded)
+
+
+class CompiledLeader(Leader):
+    """`Leader` with compiled kinematics."""
+
+    def __init__(self, model: RobotModel, tool: str, floor: float | None) -> None:
+        super().__init__(model, tool, floor)
+        self._load()
+        kernels, frame = self._kernels, np.zeros(1, self._kernels.CAMERA)
+        placement, frame["joint"] = model.frame_placement(tool), model.frame_joint(tool)
+        frame[0]["R"], frame[0]["t"] = placement.R, placement.t
+        no_goal, no_rows = np.zeros(1, kernels.GOAL), np.zeros((3, model.n))
+        pairs, obstacles = np.zeros(0, kernels.PAIR), np.zeros(0, kernels.OBSTACLE)
+        self._packed = _pack(
+            (frame, no_goal, _joints(model), no_rows, _moving(self._spheres), pairs, obstacles)
+        )
+
+    def _load(self) -> None:
+        prepare()
+        self._kernels = _kernels()
+        self._watch = self._kernels.watch
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the kernels: a module cannot be pickled."""
+        return {name: value for name, value in vars(self).items() if name not in _KERNELS}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with the kernels of this process."""
+        self.__dict__.update(state)
+        self._load()
+
+    def _at(self, q: Vector) -> tuple[Vector, Obstacles]:
+        centres = np.empty((len(self._spheres.radii), 3))
+        tool = np.array(self._watch(_own(q), centres, self._packed))
+        return tool, Obstacles(centres, self._spheres.radii, self._floor)
+
+
+def _joints(model: RobotModel) -> Records:
+    """Return the records of a robot's joints, without weights."""
+    joints = np.zeros(model.n, _kernels().JOINT)
+    for i, joint in enumerate(model.joints):
+        placement = model.pin_model.jointPlacements[i + 1]
+        subspace = np.asarray(model.pin_model.joints[i + 1].createData().S).reshape(6)
+        slides = joint.kind == "prismatic"
+        joints[i]["R"], joints[i]["t"] = placement.rotation, placement.translation
+        joints[i]["axis"] = subspace[:3] if slides else subspace[3:]
+        joints[i]["slides"], joints[i]["parent"] = slides, model.parents[i]
+    return joints
+
+
+def _moving(spheres: Spheres) -> Records:
+    """Return the records of spheres that joints move."""
+    k = len(spheres.radii)
+    records = np.zeros(k, _kernels().SPHERE)
+    records["joint"], records["radius"] = spheres.joints, spheres.radii
+    records["centre"] = np.reshape([spheres.in_joint(i) for i in range(k)], (k, 3))
+    return records
 
 
 def _own(values: Vector) -> Vector:

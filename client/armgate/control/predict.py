@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from math import expm1
+from math import expm1, isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from armgate.control.vectors import V3, vector
 from armgate.control.weights import Vector
 
 
@@ -21,6 +22,9 @@ def ramp_lag(lag: float, period: float) -> float:
         period: T, s.
     """
     return 0.0 if lag <= 0.0 else period / expm1(period / lag)
+
+
+ZERO: V3 = (0.0, 0.0, 0.0)
 
 
 class Predictor:
@@ -45,7 +49,7 @@ class Predictor:
             raise ValueError(f"expected 0 < alpha ≤ 1, beta ≥ 0, gamma ≥ 0; got {alpha}, {beta}, {gamma}")
         self._alpha, self._beta, self._gamma, self._gap = alpha, beta, gamma, gap
         self._time: float | None = None
-        self._p = self._v = self._a = np.zeros(3)
+        self._p = self._v = self._a = ZERO
 
     @property
     def time(self) -> float | None:
@@ -55,7 +59,7 @@ class Predictor:
     @property
     def velocity(self) -> Vector:
         """Velocity at the newest position, m/s."""
-        return self._v
+        return np.array(self._v)
 
     def update(self, time: float, point: ArrayLike) -> None:
         """Add the point (3,), m, measured at `time`, s; ignored unless newer than the last.
@@ -64,20 +68,20 @@ class Predictor:
             ValueError: if time or point is not finite or the point does not have three coordinates.
         """
         p = np.asarray(point, dtype=np.float64)
-        if p.shape != (3,) or not (np.isfinite(p).all() and np.isfinite(time)):
+        if p.shape != (3,) or not all(map(isfinite, (time, *p.tolist()))):
             raise ValueError(f"expected a time and three finite coordinates, got {time} and {p}")
         if self._time is not None and time <= self._time:
             return
         if self._time is None or time - self._time > self._gap:
-            self._time, self._p, self._v, self._a = time, p, np.zeros(3), np.zeros(3)
+            self._time, self._p, self._v, self._a = time, vector(p.tolist()), ZERO, ZERO
             return
         dt = time - self._time
         expected, v = self._ahead(dt)
-        e = p - expected
+        e = vector([measured - x for measured, x in zip(p.tolist(), expected, strict=True)])
         self._time = time
-        self._p = expected + self._alpha * e
-        self._v = v + (self._beta / dt) * e
-        self._a = self._a + (self._gamma / (dt * dt)) * e
+        self._p = _moved(expected, self._alpha, e)
+        self._v = _moved(v, self._beta / dt, e)
+        self._a = _moved(self._a, self._gamma / (dt * dt), e)
 
     def predict(self, ahead: float) -> tuple[Vector, Vector]:
         """Return position (3,), m, and velocity (3,), m/s, `ahead` s after the newest position.
@@ -87,7 +91,14 @@ class Predictor:
         """
         if self._time is None:
             raise ValueError("no position yet: call update first")
-        return self._ahead(ahead)
+        position, velocity = self._ahead(ahead)
+        return np.array(position), np.array(velocity)
 
-    def _ahead(self, dt: float) -> tuple[Vector, Vector]:
-        return self._p + dt * self._v + (0.5 * dt * dt) * self._a, self._v + dt * self._a
+    def _ahead(self, dt: float) -> tuple[V3, V3]:
+        straight = _moved(self._p, dt, self._v)
+        return _moved(straight, 0.5 * dt * dt, self._a), _moved(self._v, dt, self._a)
+
+
+def _moved(p: V3, share: float, by: V3) -> V3:
+    """Return p + share · by."""
+    return p[0] + share * by[0], p[1] + share * by[1], p[2] + share * by[2]

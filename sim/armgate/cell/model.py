@@ -206,6 +206,14 @@ class RobotModel:
         arm = np.asarray(point_world, dtype=np.float64) - self._oMi[joint_index + 1].translation
         return jacobian[:3] + _cross_columns(jacobian[3:], arm)
 
+    def frame_placement(self, name: str) -> Placement:
+        """Return the placement of a frame in the frame of the joint that moves it, or in the world.
+
+        Raises:
+            ModelError: There is no such frame.
+        """
+        return self._frame(name).placement
+
     def frame_joint(self, name: str) -> int:
         """Return the index of the joint that moves a frame, -1 for the base.
 

@@ -12,11 +12,10 @@ from armgate.apps.robot_models import bounds_of, described, floor_of, model_of
 from armgate.client import RobotDescription, SignalValue, Tick
 from armgate.client.program import ProgramCell
 from armgate.control.bounds import IncrementBounds
-from armgate.control.compiled import camera_law
+from armgate.control.compiled import camera_law, leader_of
 from armgate.control.follower import Follower, FollowStep, Situation
+from armgate.control.leader import Leader
 from armgate.control.predict import ramp_lag
-from armgate.control.repulsion import Obstacles
-from armgate.control.spheres import Spheres
 
 Array = NDArray[np.float64]
 
@@ -54,21 +53,19 @@ class FollowLoop:
         robot: Description of the robot that carries the camera.
         leader: Description of the robot whose tool the camera is aimed at.
         proximity: Near pairs of bodies; contains the leader's model.
-        spheres: Bounding spheres of the leader, which repel the follower.
+        aimed: The leader's tool, and the spheres and the floor that repel the follower.
         follower: Control law with its bounds.
         bounds: Bounds of the camera robot's increments.
         options: Options of the follower.
-        floor: Height of the floor, which also repels, m; None without a floor.
     """
 
     robot: RobotDescription
     leader: RobotDescription
     proximity: Proximity
-    spheres: Spheres
+    aimed: Leader
     follower: Follower
     bounds: IncrementBounds
     options: FollowOptions
-    floor: float | None
     _last: LastIncrement = field(default_factory=LastIncrement)
     _zoomed: float | None = None
 
@@ -94,33 +91,32 @@ class FollowLoop:
             predict=options.predict,
         )
         proximity = Proximity(RobotBodies.of(robot, carrier), RobotBodies.of(leader, target))
-        return cls(
-            own, other, proximity, Spheres.of(target), follower, bounds, options, floor_of(cell.description)
-        )
+        aimed = leader_of(target, other.tool, floor_of(cell.description))
+        return cls(own, other, proximity, aimed, follower, bounds, options)
 
     def step(self, tick: Tick) -> "FollowOutput":
         """Return the output for a tick."""
         own, entry = tick.entry(self.robot.name), tick.entry(self.leader.name)
-        played = self._last.update(tick.tick, tick.setpoint)
+        q, setpoint = np.array(tick.q), np.array(tick.setpoint)
+        played = self._last.update(tick.tick, setpoint)
         distance = self._distance(tick)
-        leader = None if entry.q is None else np.array(entry.q)
-        focus, seen = self._focus(leader, tick.time, entry.time)
-        q = np.array(tick.q)
+        tool, obstacles = self.aimed.at(None if entry.q is None else np.array(entry.q))
+        focus, seen = self._focus(tool, tick.time, entry.time)
         now = Situation(
             time=tick.time,
-            setpoint=np.array(tick.setpoint),
+            setpoint=setpoint,
             last=played,
             q=q,
             target=focus,
             target_time=seen,
             distance=distance,
-            obstacles=self._obstacles(leader),
+            obstacles=obstacles,
             stop_end=np.array(own.stop_end) if own.stop_end else None,
             near=self.proximity.pairs(own, entry),
         )
         near = self.bounds.share(q) > NEAR_LIMIT
-        tool = None if self.options.focus is None else self._tool(leader)
-        return FollowOutput(self.follower.step(now), played, distance, focus, near, tool)
+        shown = None if self.options.focus is None else tool
+        return FollowOutput(self.follower.step(now), played, distance, focus, near, shown)
 
     def leader_progress(self, tick: Tick) -> tuple[SignalValue | None, str | None]:
         """Return the signal of the leader's progress, and the name of the client that holds its robot."""
@@ -135,19 +131,11 @@ class FollowLoop:
             self._zoomed = signal.value[0]
         return self.options.distance if self._zoomed is None else self._zoomed
 
-    def _focus(self, leader: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
+    def _focus(self, tool: Array | None, now: float, measured: float) -> tuple[Array | None, float]:
         """Return the point to aim at, and the time at which it was measured."""
         if self.options.focus is not None:
             return np.array(self.options.focus), now
-        return self._tool(leader), measured
-
-    def _tool(self, leader: Array | None) -> Array | None:
-        return None if leader is None else self.proximity.other.model.frame(leader, self.leader.tool).t
-
-    def _obstacles(self, q: Array | None) -> Obstacles:
-        if q is None:
-            return Obstacles(floor=self.floor)
-        return Obstacles(self.spheres.centres(q), self.spheres.radii, self.floor)
+        return tool, measured
 
 
 @dataclass(frozen=True)
