@@ -1,17 +1,22 @@
 """Trials with commands: a daemon in lock-step, processes, and programs on connections of their own."""
 
 import sys
+import tempfile
+import time
 from pathlib import Path
 
 import pytest
 
-from armgate.campaign.drive import Campaign
+from armgate.campaign.drive import Campaign, run_campaign
 from armgate.campaign.laboratory import Laboratory
+from armgate.campaign.local_pool import LocalPool
 from armgate.campaign.result import Result
 from support.campaigns import write_campaign
 
 SCRIPT = """
 import sys
+import tempfile
+import time
 from armgate.client import connect
 address, name, robot, length, seed = sys.argv[1:]
 with connect(address, name=name) as cell, cell.acquire(robot) as held:
@@ -74,3 +79,47 @@ def test_programs_and_commands_take_part_together(tmp_path: Path) -> None:
     assert not found.failed, found.reason
     assert found.figures["P.commands"] == 5.0
     assert [name for name in found.figures if name.startswith("signal.") and "distance" in name]
+
+
+ENDLESS = """
+import os, sys, time
+open(sys.argv[5], "w").write(str(os.getpid()))
+if sys.argv[4] == "never":
+    time.sleep(600)
+from armgate.client import connect
+address, name, robot = sys.argv[1:4]
+with connect(address, name=name) as cell, cell.acquire(robot) as held:
+    for tick in held.ticks():
+        held.send([0.001, 0.0, 0.0])
+"""
+
+
+def runs(process: int) -> bool:
+    """Return True if a process runs; a zombie has ended."""
+    try:
+        status = Path(f"/proc/{process}/stat").read_text()
+    except FileNotFoundError:
+        return False
+    return status.rpartition(")")[2].split()[0] != "Z"
+
+
+@pytest.mark.parametrize(
+    ("mode", "timeout", "failed"),
+    [("steady", 15, False), pytest.param("never", 4, True, marks=pytest.mark.slow)],
+)
+def test_commands_end_with_the_trial_or_with_its_worker(
+    tmp_path: Path, mode: str, timeout: int, failed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (tmp_path / "endless.py").write_text(ENDLESS)
+    arguments = f"'{{address}}', '{{name}}', '{{robot}}', {mode}, '{tmp_path}/pid'"
+    command = f"command: ['{sys.executable}', '{tmp_path}/endless.py', {arguments}]"
+    file = write_campaign(tmp_path, seeds=1, more=f"timeout: {timeout} s\nattempts: 1")
+    file.write_text(file.read_text().replace('program: "odd:move"', command))
+    summary = run_campaign(Campaign.load(file), tmp_path / "out", lambda plan: LocalPool(plan, 1))
+    assert summary.failed == failed, summary.reasons
+    process = int((tmp_path / "pid").read_text())
+    while runs(process):
+        time.sleep(0.01)
+    assert list((tmp_path / "temporary").glob("armgate-*")) == []

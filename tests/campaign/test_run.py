@@ -56,10 +56,10 @@ def interrupt_at(number: int) -> Callable[[int], None]:
 
 
 def test_a_campaign_survives_controllers_that_end_their_worker(tmp_path: Path) -> None:
-    programs = ("move", "bad", "killed", "quits", "stuck", "ends", "reads")
+    programs = ("move", "bad", "killed", "quits", "stuck", "ends", "reads", "leaves", "interrupts", "silent")
     campaign = small_campaign(tmp_path, seeds=2, programs=programs, more="timeout: 1.5 s\nattempts: 1")
     summary = run_campaign(campaign, tmp_path / "out", lambda plan: LocalPool(plan, 2))
-    assert (summary.done, summary.failed) == (14, 10)
+    assert (summary.done, summary.failed) == (20, 16)
     results = read_results(tmp_path / "out")
     reasons = {trial.controllers: results[trial.key].reason for trial in campaign.trials}
     assert reasons["move"] == reasons["ends"] == ""
@@ -67,6 +67,8 @@ def test_a_campaign_survives_controllers_that_end_their_worker(tmp_path: Path) -
     assert reasons["killed"] == reasons["quits"] == reasons["stuck"]
     assert "its worker process ended at every attempt, or the timeout of 1.5 s passed" in reasons["stuck"]
     assert reasons["reads"] == "FileNotFoundError: [Errno 2] No such file or directory: '/no/such/file'"
+    assert (reasons["leaves"], reasons["interrupts"]) == ("SystemExit: 4", "KeyboardInterrupt:")
+    assert reasons["silent"] == "Wordless"
     ended = {t.controllers: results[t.key].figures.get("duration") for t in campaign.trials}
     assert ended["ends"] < ended["move"]
 

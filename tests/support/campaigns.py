@@ -7,7 +7,7 @@ from armgate.campaign.drive import Campaign
 PLANAR = Path(__file__).parents[2] / "configs" / "planar.yaml"
 
 PROGRAMS = """
-import os, signal, time
+import os, signal, sys, time
 from armgate.client.program import TickProgram
 
 class Odd(TickProgram):
@@ -15,6 +15,12 @@ class Odd(TickProgram):
         self.seed, self.act = context.seed, act
     def step(self, tick):
         return self.act(tick)
+
+class Wordless(Exception):
+    def __str__(self): raise RuntimeError("no words")
+
+def interrupted(tick): raise KeyboardInterrupt
+def wordless(tick): raise Wordless
 
 def small(tick):
     return [0.001, 0.0, 0.0]
@@ -26,6 +32,9 @@ def quits(context): return Odd(context, lambda tick: os._exit(0))
 def stuck(context): return Odd(context, lambda tick: time.sleep(60))
 def ends(context): return Odd(context, lambda tick: None if tick.time > 0.03 else small(tick))
 def clock(context): return Odd(context, lambda tick: [1e-6 * (time.time_ns() % 997), 0.0, 0.0])
+def leaves(context): return Odd(context, lambda tick: sys.exit(4))
+def interrupts(context): return Odd(context, interrupted)
+def silent(context): return Odd(context, wordless)
 def reads(context): return open("/no/such/file")
 def ticks(series): return float(len(series.robots["P"].time))
 def infinite(series): return float("inf")

@@ -17,6 +17,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Protocol
 
+from armgate.campaign import launch
 from armgate.campaign.series import Series
 from armgate.cell.config import CellConfig, MetricsConfig, RecordingConfig, ServerConfig
 from armgate.cell.config.packing import pack, unpack
@@ -188,7 +189,7 @@ class _Process:
     def __init__(self, name: str, words: Sequence[str], robot: str | None, log: Path) -> None:
         self.robot = robot
         self._name, self._log = name, log
-        own = _armgate(words[1:]) if words[0] == "armgate" else list(words)
+        own = _armgate(words[1:]) if words[0] == "armgate" else _launched(words)
         self._process = _started(own, log, subprocess.DEVNULL)
 
     def ended(self) -> bool:
@@ -248,6 +249,11 @@ class _Thread:
 def _armgate(words: Sequence[str]) -> list[str]:
     """Return ``armgate WORDS`` as a command of this Python that ends with this process."""
     return [sys.executable, "-m", "armgate.apps.stack.child", str(os.getpid()), "0", *words]
+
+
+def _launched(words: Sequence[str]) -> list[str]:
+    """Return a command that ends with this process."""
+    return [sys.executable, "-I", "-S", launch.__file__, str(os.getpid()), *words]
 
 
 def _started(words: Sequence[str], log: Path, stdout: int) -> "subprocess.Popen[str]":

@@ -71,7 +71,7 @@ class Laboratory:
         try:
             series = self._series(trial, recording)
             return Result(trial.key, figures=compute(series, self._campaign.figures, self._functions))
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             return failed(trial.key, error)
 
     def cell(self, trial: Trial) -> Cell:

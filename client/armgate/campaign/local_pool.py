@@ -7,12 +7,15 @@ trial that it was running is suspected.
 
 import multiprocessing
 import signal
+import tempfile
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from armgate.campaign.errors import CampaignError
@@ -47,6 +50,7 @@ class LocalPool:
         self._plan = packed(plan)
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload([PRELOADED])
+        self._folder = TemporaryDirectory(prefix="armgate-campaign-")
         self._workers = [self._start() for _ in range(workers)]
         self._queue: deque[Sequence[Trial]] = deque()
 
@@ -84,13 +88,15 @@ class LocalPool:
         for worker in self._workers:
             worker.process.join()
             worker.pipe.close()
+        self._folder.cleanup()
 
     def _start(self) -> _Worker:
         ours, theirs = self._context.Pipe()
         process = self._context.Process(
-            target=_work, args=(theirs, self._plan), name="campaign worker", daemon=True
+            target=_work, args=(theirs, self._plan, self._folder.name), name="campaign worker", daemon=True
         )
-        process.start()
+        with _held_interrupts():
+            process.start()
         theirs.close()
         return _Worker(process, ours)
 
@@ -140,9 +146,28 @@ def _end(worker: _Worker, left: list[Trial]) -> Finished:
     return finished
 
 
-def _work(pipe: Any, plan: bytes) -> None:
-    """Run batches until the driver closes the pipe or ends."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the driver ends the workers
+@contextmanager
+def _held_interrupts() -> Iterator[None]:
+    """Hold Ctrl-C back: a fork server that starts would print a traceback. Its processes inherit this."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _work(pipe: Any, plan: bytes, folder: str) -> None:
+    """Run batches until the driver closes the pipe or ends.
+
+    Args:
+        pipe: Receives batches, and sends results.
+        plan: What the worker needs.
+        folder: Folder of temporary files; the driver removes it, because workers are killed.
+    """
+    tempfile.tempdir = folder
+    # Ctrl-C reaches all processes; the driver ends the workers. Unlike SIG_IGN, commands do not inherit this.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     try:
         while True:
             trials = pipe.recv()

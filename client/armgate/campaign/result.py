@@ -4,6 +4,8 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from armgate.cell.terminal_text import printable
+
 LONGEST = 300
 """Longest reason that is kept, characters."""
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{4,}")
@@ -29,10 +31,18 @@ class Result:
         return bool(self.reason)
 
 
-def failed(key: str, error: Exception) -> Result:
+def failed(key: str, error: BaseException) -> Result:
     """Return the result of a trial that raised an error, as one line without addresses of objects."""
-    text = " ".join(f"{type(error).__name__}: {error}".split())
+    text = printable(" ".join(_text(error).split()))
     return Result(key, _ADDRESS.sub("0x…", text)[:LONGEST])
+
+
+def _text(error: BaseException) -> str:
+    name = type(error).__name__
+    try:
+        return f"{name}: {error}"
+    except Exception:  # a controller's exception may be unable to describe itself
+        return name
 
 
 def worker_ended(key: str, timeout: float) -> Result:

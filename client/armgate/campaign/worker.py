@@ -8,8 +8,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
 
+from armgate.campaign.errors import CampaignError
 from armgate.campaign.pool import Lab, Plan
-from armgate.campaign.result import Result
+from armgate.campaign.result import Result, failed
 from armgate.campaign.trials import Trial
 
 TIMED_OUT = 3
@@ -38,8 +39,18 @@ def run_trials(plan: bytes, trials: Sequence[Trial]) -> Iterator[Result]:
     found, laboratory = _laboratory(plan)
     for trial in trials:
         with _time_limit(found.timeout):
-            result = laboratory.run(trial)
+            result = _run(laboratory, trial)
         yield result
+
+
+def _run(laboratory: Lab, trial: Trial) -> Result:
+    """Run a trial; anything that a controller raises, such as SystemExit, fails only the trial."""
+    try:
+        return laboratory.run(trial)
+    except CampaignError:
+        raise
+    except BaseException as error:
+        return failed(trial.key, error)
 
 
 @contextmanager
