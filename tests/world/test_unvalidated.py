@@ -9,7 +9,7 @@ from armgate.cell.cell import build_cell
 from armgate.protocol import encode
 from armgate.protocol import messages as m
 from armgate.protocol.unvalidated import unvalidated
-from armgate.world import World, states, to_protocol
+from armgate.world import World, signals, states, to_protocol
 from support.cells import arms_config
 from support.sessions import RandomSessions
 
@@ -25,7 +25,7 @@ def made(monkeypatch):
         made[model.__name__] += 1
         return message
 
-    for module in (to_protocol, states):
+    for module in (to_protocol, states, signals):
         monkeypatch.setattr(module, "unvalidated", compared)
     return made
 
@@ -59,7 +59,7 @@ def test_messages_of_random_sessions_equal_validated_ones(tmp_path, made, seed):
     server = "{port: 0, lease_ttl: 1.0, signals_per_client: 3}"
     cell = build_cell(arms_config(tmp_path, periods=(0.012, 0.004), lag=0.03, clock=clock, server=server))
     RandomSessions(World(cell), random.Random(seed)).run(600)
-    assert made.keys() >= {"State", "Entry", "Nearest", "Verdict", "LastVerdict"}
+    assert made.keys() >= {"State", "Entry", "Nearest", "Verdict", "LastVerdict", "SignalValue", "Signaled"}
 
 
 def test_messages_of_the_demo_cell_equal_validated_ones(made):

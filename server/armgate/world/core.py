@@ -228,7 +228,7 @@ class Core:
 
     def _signal(self, peer: Peer, request: m.Signal) -> None:
         self._signals.set(peer.client, request.name, request.value, self._now())
-        peer.send(to_protocol.answer(m.Signaled, request, name=request.name))
+        peer.send(to_protocol.signaled(request))
 
     def _stop(self, peer: Peer, request: m.Stop) -> None:
         if request.robot is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from armgate.cell.config import ServerConfig, SignalRuleConfig
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import MAX_SIGNALS, SignalValue
+from armgate.protocol.unvalidated import unvalidated
 from armgate.world.interfaces import Client
 from armgate.world.token_bucket import TokenBucket
 
@@ -61,8 +62,8 @@ class Signals:
 
         Args:
             client: The client that sets it.
-            name: Name of the signal.
-            value: A scalar or a short vector.
+            name: Name of the signal, as in a valid message.
+            value: A scalar or a short vector, as in a valid message.
             now: Daemon time, s.
 
         Raises:
@@ -80,8 +81,9 @@ class Signals:
         self._owners[name] = client
         # A new dict in the order of the names: states that were handed out do not change, and their order
         # does not depend on the order in which clients set signals.
-        values = {**self._values, name: SignalValue(owner=client.name, value=value, time=now)}
-        self._values = dict(sorted(values.items()))
+        newest = unvalidated(SignalValue, owner=client.name, value=value, time=now)
+        values = {**self._values, name: newest}
+        self._values = values if owner is not None else dict(sorted(values.items()))
 
     def drop(self, session: str) -> None:
         """Remove the signals of a session that has ended."""

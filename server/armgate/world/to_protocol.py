@@ -27,6 +27,12 @@ def answer(model: type[A], request: m.Request | None, **fields: object) -> A:
     return model.model_validate(fields)
 
 
+def signaled(request: m.Signal) -> m.Signaled:
+    """Return the answer to a signal: that of `answer`, for a message that is sent many times per step."""
+    repeated = {} if request.id is None else {"re": request.id}
+    return unvalidated(m.Signaled, name=request.name, **repeated)
+
+
 def verdict(given: events.Verdict) -> m.Verdict:
     """Return a verdict as its sender receives it."""
     return unvalidated(

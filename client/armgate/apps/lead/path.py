@@ -86,9 +86,9 @@ class RecordedPath:
         u = min(max(t, 0.0), self.duration) / self.period
         i = min(int(u), len(self.q) - 2)
         s = u - i
-        w = basis @ np.array([1.0, s, s * s, s * s * s])
-        values = w[0] * self.q[i] + w[1] * self.q[i + 1]
-        bends = w[2] * self._slopes[i] + w[3] * self._slopes[i + 1]
+        left, right, leaves, arrives = (basis @ np.array([1.0, s, s * s, s * s * s])).tolist()
+        values = left * self.q[i] + right * self.q[i + 1]
+        bends = leaves * self._slopes[i] + arrives * self._slopes[i + 1]
         at: Array = values + self.period * bends
         return at
 

@@ -40,6 +40,9 @@ class Playback:
         self._bounds = bounds
         self._pace = 0.0
         self._started = False
+        self._lag = BEHIND * bounds.increment
+        # Position at path time `time`, once the path has started.
+        self._here = path.at(0.0)
 
     @property
     def period(self) -> float:
@@ -69,14 +72,14 @@ class Playback:
             last: Admitted increment that led to it (n,).
         """
         if not self._started:
-            self._started = self._at(self._path.at(0.0), setpoint, last)
-            wanted = self._bounds.approach(self._path.at(0.0) - setpoint, SLOW)
+            self._started = self._at(self._here, setpoint, last)
+            wanted = self._bounds.approach(self._here - setpoint, SLOW)
             return self._bounds.limit(wanted, last)
-        here = self._path.at(self.time)
+        here = self._here
         behind = here - setpoint
         self._advance(behind)
-        ahead = self._path.at(self.time) - here
-        return self._bounds.limit(ahead + self._bounds.approach(behind), last)
+        self._here = self._path.at(self.time)
+        return self._bounds.limit(self._here - here + self._bounds.approach(behind), last)
 
     def brake(self, last: Array) -> Array:
         """Return the increment that brings the robot to rest instead."""
@@ -90,7 +93,7 @@ class Playback:
         """Advance path time by one tick at the new pace, braking in time for the end."""
         T = self._bounds.period
         change = T / RAMP
-        keeps_up = bool(np.all(np.abs(behind) <= BEHIND * self._bounds.increment))
+        keeps_up = bool((np.abs(behind) <= self._lag).all())
         wanted = self._pace + change if keeps_up else self._pace - 4.0 * change
         # v² = 2 s / RAMP: the pace from which the path comes to rest within the rest of this run.
         left = self.end - self.time

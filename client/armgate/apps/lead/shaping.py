@@ -46,6 +46,11 @@ class Bounds:
         """Planned decrease of an increment from one tick to the next (n,)."""
         return MARGIN * np.minimum(self.acceleration, self.deceleration) * self.period**2
 
+    @cached_property
+    def _braking(self) -> tuple[Array, Array, Array]:
+        """Factors 4a, a² and 8a of `approach`, (n,) each."""
+        return 4.0 * self.loss, self.loss * self.loss, 8.0 * self.loss
+
     def approach(self, distance: Array, share: float = 1.0) -> Array:
         """Return the increment towards a position at rest, ``distance`` (n,) away, on a straight line.
 
@@ -54,8 +59,8 @@ class Bounds:
         otherwise at most a/8 more. The increment is scaled as a whole by the tightest bound of all joints.
         """
         D = np.abs(distance)
-        a = self.loss
-        braking = 4.0 * a / (a + np.sqrt(a * a + 8.0 * a * D))
+        a, (a4, aa, a8) = self.loss, self._braking
+        braking = a4 / (a + np.sqrt(aa + a8 * D))
         speed = share * self.increment / np.maximum(D, _TINY)
         return distance * min(1.0, float(braking.min()), float(speed.min()))
 
@@ -78,8 +83,9 @@ class Bounds:
 
     def limit(self, wanted: Array, last: Array) -> Array:
         """Return the wanted increment, each joint within its speed and acceleration bounds."""
-        near = np.clip(wanted, last - self.gain, last + self.gain)
-        return np.clip(near, -self.increment, self.increment)
+        # Without np.clip, which takes three times as long for so few joints.
+        near = np.minimum(np.maximum(wanted, last - self.gain), last + self.gain)
+        return np.minimum(np.maximum(near, -self.increment), self.increment)
 
     def braking(self, last: Array) -> Array:
         """Return the next increment of a straight stop: the last one, reduced as much as all joints allow."""
