@@ -171,7 +171,8 @@ class Cell(CellBase):
             Refused: An earlier signal was refused. Signals that were sent too fast are only counted, see
                 ``signals_dropped``.
         """
-        self._receive()
+        if not more:  # a delayed signal reads and writes nothing, so that many of them cost little
+            self._receive()
         self._write(self._session.signal(name, value, more=more))
 
     def stop(self, robot: str | None = None, reason: str = "") -> Stopped:
@@ -298,6 +299,8 @@ class Cell(CellBase):
                 return
 
     def _write(self, data: bytes) -> None:
+        if not data:
+            return
         left = memoryview(data)
         while left:
             try:
@@ -310,8 +313,7 @@ class Cell(CellBase):
                 left = left[sent:]
             else:
                 self._make_room()
-        if data:
-            self._session.sent(monotonic())
+        self._session.sent(monotonic())
 
     def _make_room(self) -> None:
         # Reading meanwhile prevents a deadlock of two peers with full buffers.

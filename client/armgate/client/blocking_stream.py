@@ -34,6 +34,8 @@ class Stream:
         self._socket = sock
         self.emptied = False
         self._tls = sock if isinstance(sock, ssl.SSLSocket) else None
+        self._readable = _poller(sock, select.POLLIN)
+        self._writable = _poller(sock, select.POLLIN | select.POLLOUT)
 
     @classmethod
     def open(cls, address: str, timeout: float, tls: ssl.SSLContext | None) -> "Stream":
@@ -82,14 +84,19 @@ class Stream:
         """Wait until bytes have arrived or (``writing``) can be sent; return False after ``timeout``."""
         if self._tls is not None and self._tls.pending():
             return True
-        poller = select.poll()
-        poller.register(self._socket, select.POLLIN | (select.POLLOUT if writing else 0))
+        poller = self._writable if writing else self._readable
         wait = None if timeout == float("inf") else max(0.0, timeout) * 1000
         return bool(poller.poll(wait))
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
+
+
+def _poller(sock: socket.socket, events: int) -> "select.poll":
+    poller = select.poll()
+    poller.register(sock, events)
+    return poller
 
 
 def _tcp(host: str, port: int, timeout: float, tls: ssl.SSLContext | None) -> socket.socket:

@@ -113,6 +113,13 @@ TRANSITIONS = transitions(v.DIALECTS[0])
 """Table of version 1."""
 
 
+@cache
+def _rules(dialect: v.Dialect, state: ConnectionState, side: Side) -> dict[str, ConnectionState]:
+    """Return the part of the table for one state and sender: the next state by event."""
+    table = transitions(dialect)
+    return {event: following for (at, sender, event), following in table.items() if (at, sender) == (state, side)}
+
+
 @dataclass(frozen=True, slots=True)
 class Refusal:
     """Refused input without effect; ``error`` is the message to send to the peer."""
@@ -143,14 +150,15 @@ class Connection:
 
     def __init__(self, role: Side, dialects: Sequence[v.Dialect] = v.DIALECTS) -> None:
         self.role = role
+        self.state: ConnectionState
         self.versions = tuple(dialect.version for dialect in dialects)
-        self.state = ConnectionState.AWAIT_HELLO
         self.version: int | None = None
         self.hello: Hello | None = None
         self.capabilities: frozenset[str] = frozenset()
         self._dialects = {dialect.version: dialect for dialect in dialects}
         # Until a version is chosen, only messages occur that are the same in all versions.
         self._dialect = dialects[-1]
+        self._enter(ConnectionState.AWAIT_HELLO)
         server = role is Side.SERVER
         self._decoder = FrameDecoder(HANDSHAKE_LIMIT if server else OUTBOUND_LIMIT)
         self._max_array = MAX_ARRAY_INBOUND if server else MAX_ARRAY
@@ -231,7 +239,7 @@ class Connection:
     def receive_eof(self) -> list[Message | Refusal]:
         """Close the connection at the end of the peer's stream; return a refusal for an incomplete frame."""
         cut = self._decoder.buffered and not self._ignores_input
-        self.state = ConnectionState.CLOSED
+        self._enter(ConnectionState.CLOSED)
         if not cut:
             return []
         text = f"the stream ended after {self._decoder.buffered} bytes of a frame"
@@ -253,7 +261,7 @@ class Connection:
         translated = message if outward is None else outward(message)
         if translated is None:
             return b""
-        following = self._next_state(self.role, translated)
+        following = self._may_send.get(_event(translated))
         if following is None:
             text = f"{message.type}: the {self.role.value} may not send this in state {self.state.value}"
             raise LocalProtocolError(ErrorCode.UNEXPECTED, text, about=message.type)
@@ -277,9 +285,12 @@ class Connection:
         """True if nothing more can be sent or received."""
         return self.state is ConnectionState.CLOSED
 
-    @property
-    def _ignores_input(self) -> bool:
-        return self.state in (ConnectionState.FAILED, ConnectionState.CLOSED)
+    def _enter(self, state: ConnectionState) -> None:
+        """Change the state, or the dialect within it; look up its rules once, not for every message."""
+        self.state = state
+        self._ignores_input = state in (ConnectionState.FAILED, ConnectionState.CLOSED)
+        self._may_send = _rules(self._dialect, state, self.role)
+        self._may_receive = _rules(self._dialect, state, self.role.other)
 
     @property
     def _outgoing_limit(self) -> int:
@@ -288,12 +299,14 @@ class Connection:
         return HANDSHAKE_LIMIT if self.state is ConnectionState.AWAIT_HELLO else INBOUND_LIMIT
 
     def _accept(self, payload: bytes) -> Message:
-        overtaken, self._overtaken = self._overtaken > 0, max(0, self._overtaken - 1)
+        overtaken = self._overtaken > 0
+        if overtaken:
+            self._overtaken -= 1
         dialect = self._dialect
         known = dialect.client if self.role is Side.SERVER else dialect.server
         message = decode(payload, known, self._max_array)
         try:
-            following = self._next_state(self.role.other, message)
+            following = self._may_receive.get(_event(message))
             if following is None:
                 text = f"{message.type}: not allowed from the {self.role.other.value}"
                 text += f" in state {self.state.value}"
@@ -307,9 +320,6 @@ class Connection:
         self._advance(message, following)
         return accepted
 
-    def _next_state(self, side: Side, message: Message) -> ConnectionState | None:
-        return transitions(self._dialect).get((self.state, side, _event(message)))
-
     def _choose_version(self, message: Message) -> None:
         if isinstance(message, Hello):
             self._use(v.choose(self.versions, message.versions), message.capabilities)
@@ -319,6 +329,7 @@ class Connection:
 
     def _use(self, version: int, capabilities: Iterable[str]) -> None:
         self.version, self._dialect = version, self._dialects[version]
+        self._enter(self.state)
         self.capabilities = frozenset(capabilities)
 
     def _advance(self, message: Message, following: ConnectionState) -> None:
@@ -326,14 +337,15 @@ class Connection:
             self.hello = message
         elif isinstance(message, Welcome) and self.role is Side.SERVER:
             self._decoder.limit = INBOUND_LIMIT
-        self.state = following
+        if following is not self.state:
+            self._enter(following)
 
     def _refuse(self, error: ProtocolError) -> Refusal:
         # Before the welcome every error is fatal: otherwise the peers could disagree about the state.
         if self.state in (ConnectionState.AWAIT_HELLO, ConnectionState.AWAIT_WELCOME):
             error.fatal = True
         if error.fatal:
-            self.state = ConnectionState.FAILED
+            self._enter(ConnectionState.FAILED)
         return Refusal(error.message())
 
 
@@ -352,4 +364,4 @@ def _identified(error: RemoteProtocolError, message: Message) -> RemoteProtocolE
 
 
 def _event(message: Message) -> str:
-    return "fatal" if isinstance(message, Error) and message.fatal else message.type
+    return "fatal" if type(message) is Error and message.fatal else message.type
