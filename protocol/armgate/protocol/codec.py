@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from armgate.protocol.errors import ErrorCode, LocalProtocolError, RemoteProtocolError, as_name
 from armgate.protocol.fault_location import Bounds, expected_form, fault_in, offset_of
 from armgate.protocol.framing import HEADER, OUTBOUND_LIMIT, frame
-from armgate.protocol.messages import MAX_BODIES, MAX_CHUNK, Message
+from armgate.protocol.messages import MAX_BODIES, MAX_CHUNK, Message, Part
 
 MAX_DEPTH = 8
 MAX_MAP = 128
@@ -41,8 +41,7 @@ def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
     """
     about = message.type
     try:
-        fields = message.model_dump(exclude_unset=True, warnings=False)
-        payload: bytes = msgpack.packb({"type": about, **fields})
+        payload: bytes = msgpack.packb({"type": about, **_set_fields(message)}, default=_part)
     except (TypeError, ValueError, OverflowError) as error:
         text = f"{about}: cannot be encoded: {error}"
         raise LocalProtocolError(ErrorCode.INVALID_MESSAGE, text, about=about) from error
@@ -50,6 +49,18 @@ def encode(message: Message, limit: int = OUTBOUND_LIMIT) -> bytes:
         text = f"{about}: {len(payload)} bytes; the peer accepts at most {limit}"
         raise LocalProtocolError(ErrorCode.FRAME_TOO_LARGE, text, about=about)
     return frame(payload)
+
+
+def _set_fields(model: Message | Part) -> dict[str, Any]:
+    """Return the fields that were set, in the order of the model; faster than ``model_dump``."""
+    fields, given = model.__dict__, model.model_fields_set
+    return fields if len(fields) == len(given) else {name: fields[name] for name in fields if name in given}
+
+
+def _part(value: object) -> dict[str, Any]:
+    if not isinstance(value, Part):
+        raise TypeError(f"{type(value).__name__} is not a value of a message")
+    return _set_fields(value)
 
 
 def with_re(frame_: bytes, re: int) -> bytes:

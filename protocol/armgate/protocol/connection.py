@@ -116,8 +116,8 @@ TRANSITIONS = transitions(v.DIALECTS[0])
 @cache
 def _rules(dialect: v.Dialect, state: ConnectionState, side: Side) -> dict[str, ConnectionState]:
     """Return the part of the table for one state and sender: the next state by event."""
-    table = transitions(dialect)
-    return {event: following for (at, sender, event), following in table.items() if (at, sender) == (state, side)}
+    table = transitions(dialect).items()
+    return {event: following for (at, by, event), following in table if at is state and by is side}
 
 
 @dataclass(frozen=True, slots=True)

@@ -139,17 +139,22 @@ def _step_value(step: Step) -> object:
 def rounded(entry: m.Entry) -> m.Entry:
     """Return an entry with the precision of a recording: see `RobotState`."""
     # Digits below these bounds would fill a third of a recording, without information for a reader.
-    nearest = entry.nearest and tuple(
-        m.Nearest.model_construct(
-            pair=near.pair,
-            distance=_down(near.distance),
-            limit=near.limit,
-            points=near.points and (_rounded_point(near.points[0]), _rounded_point(near.points[1])),
-        )
-        for near in entry.nearest
-    )
+    nearest = entry.nearest and tuple([m.Nearest.model_construct(**near) for near in _nearest(entry.nearest)])
     least = entry.least_clearance and _down(entry.least_clearance)
     return entry.model_copy(update={"nearest": nearest, "least_clearance": least})
+
+
+def _nearest(pairs: Sequence[m.Nearest]) -> list[dict[str, Any]]:
+    """Return the fields of nearest pairs, rounded."""
+    return [
+        {
+            "pair": near.pair,
+            "distance": _down(near.distance),
+            "limit": near.limit,
+            "points": near.points and (_rounded_point(near.points[0]), _rounded_point(near.points[1])),
+        }
+        for near in pairs
+    ]
 
 
 def _rounded_point(point: tuple[float, float, float]) -> tuple[float, float, float]:
@@ -158,9 +163,12 @@ def _rounded_point(point: tuple[float, float, float]) -> tuple[float, float, flo
 
 
 def _entry_value(entry: m.Entry) -> object:
-    fields: dict[str, object] = dict(rounded(entry).__dict__)
-    fields["nearest"] = entry.nearest and [near.__dict__ for near in fields["nearest"]]  # type: ignore[attr-defined]
-    return fields
+    # As `rounded`, without models: they would take most of the time of a recording.
+    return {
+        **entry.__dict__,
+        "nearest": entry.nearest and _nearest(entry.nearest),
+        "least_clearance": entry.least_clearance and _down(entry.least_clearance),
+    }
 
 
 def _down(bound: float) -> float:
