@@ -139,6 +139,10 @@ class Leases:
         """Sessions that hold a robot."""
         return {grant.session for grant in self._grants.values()}
 
+    def holds_any(self, session: str) -> bool:
+        """Return True if a session holds a robot."""
+        return any(grant.session == session for grant in self._grants.values())
+
     def holds(self, robot: str, session: str, fence: int, now: float) -> bool:
         """Return True if this is the grant in force at ``now``."""
         grant = self._grants.get(robot)

@@ -74,7 +74,7 @@ class Leasing:
 
     def holds(self, session: str) -> bool:
         """Return True if the session holds a robot."""
-        return session in self._leases.sessions
+        return self._leases.holds_any(session)
 
     @property
     def sessions(self) -> set[str]:

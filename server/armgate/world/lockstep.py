@@ -9,7 +9,7 @@ Two shells drive it: `armgate.daemon.pace.lockstep` in an event loop, `armgate.w
 """
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from armgate.emulator import VirtualClock
 from armgate.protocol import ErrorCode, ProtocolError, RemoteProtocolError
@@ -234,21 +234,33 @@ class Lockstep:
 
     def advance(self) -> None:
         """End the step, and send each client its verdict and the next state together, participants first."""
-        participants = tuple(self._sessions.values())
-        others = [peer for peer in self._core.peers.values() if not self._takes_part(peer)]
         done, self._done_batches = self._done_batches, {}
+        participants = self._slowest_first(done)
+        others = [peer for peer in self._core.peers.values() if not self._takes_part(peer)]
         batches = [peer.batch() for peer in (*participants, *others)]
         try:
             self._end_step()
         finally:
-            for batch in (*done.values(), *batches):
+            for batch in done.values():
                 batch.close()
-            # While a session is read, another batch of it is open, which would hold these frames back.
             for batch in batches:
-                batch.flush()
+                batch.close()
+                batch.flush()  # while a session is read, another batch of it is open, which holds frames back
         for peer in participants:
             if self._takes_part(peer):
                 self._hold_if_done(peer)
+
+    def _slowest_first(self, done: Iterable[str]) -> list[Peer]:
+        """Return the participants in the order in which they are sent the next state.
+
+        The one that was done last is sent its state first, because the next step will wait for it, too.
+
+        Args:
+            done: Names of participants that were done, in order; a missing one was done last, or not at all.
+        """
+        before = list(done)
+        names = [*(name for name in self._sessions if name not in before), *reversed(before)]
+        return [self._sessions[name] for name in names]
 
     def _end_step(self) -> None:
         """Pass the commands to the gate, make the robots tick, then process messages that were sent ahead."""

@@ -49,6 +49,8 @@ BACKLOG = 10_000
 """Number of states that may be queued, so that a busy moment loses no extremum."""
 REFRESH = 0.1
 """Period of the display, s."""
+_SHOWN_EVERY = 5
+"""In lock-step with a recording, every state of this number is observed: the recording has them all."""
 
 
 @dataclass
@@ -118,7 +120,8 @@ def run(children: Children, plan: Plan, show: Callable[[Watch], None]) -> Ended:
     with connect(address, name="demo", role="observer") as cell:
         watch = Watch(Observation(plan.follower, until_released=bool(plan.until)), cell.description)
         # A state holds an entry of every robot; states at the follower's ticks also hold its newest errors.
-        cell.subscribe(every=1, robots=[plan.follower])
+        recorded = plan.lockstep and plan.record is not None
+        cell.subscribe(every=_SHOWN_EVERY if recorded else 1, robots=[plan.follower])
         reader = threading.Thread(
             target=watch.follow, args=(cell.states(backlog=BACKLOG),), name="states", daemon=True
         )

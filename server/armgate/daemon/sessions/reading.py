@@ -214,11 +214,12 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
 
     def _read(self) -> None:
         """Read as much as one turn allows, and request another turn for the rest."""
-        own_limit_only = self._own_limit_only
+        limit = self._limit
+        own_limit_only = limit is not None and self._own_limit_only
         with self.batch():
             cost, more = self._receive_some()
-        if self._limit is not None:
-            self._limit.spend(cost - 1.0, own_limit_only)
+        if limit is not None:
+            limit.spend(cost - 1.0, own_limit_only)
         if more:
             self._read_ahead()
             self._request_turn(self._scheduler.run_later)

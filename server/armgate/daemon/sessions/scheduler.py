@@ -125,7 +125,10 @@ class FairScheduler:
             lane.do(work)
         else:
             lane.add(identity, work)
-        self._arm()
+        if (
+            not lane.free
+        ):  # else the used time counts in the next turn, too, which saves a turn of the event loop
+            self._arm()
 
     def run_later(self, identity: str, privileged: bool, work: Work) -> None:
         """Queue work for the next turn."""
