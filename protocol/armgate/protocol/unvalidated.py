@@ -13,9 +13,16 @@ from armgate.protocol.messages import Message, Part
 
 M = TypeVar("M", bound=Message | Part)
 
-_set = object.__setattr__
 _DEFAULTS: dict[type, dict[str, Any]] = {}
 """Defaults of each model that was built before."""
+
+# The attributes of every model, which pydantic's own `model_construct` sets, too. It is slower because it
+# supports aliases and extra fields; setting them by name would be slower, too.
+_slots = vars(BaseModel)
+_set_values = _slots["__dict__"].__set__
+_set_given = _slots["__pydantic_fields_set__"].__set__
+_set_extra = _slots["__pydantic_extra__"].__set__
+_set_private = _slots["__pydantic_private__"].__set__
 
 
 def unvalidated(model: type[M], **values: object) -> M:
@@ -23,12 +30,11 @@ def unvalidated(model: type[M], **values: object) -> M:
 
     The values must be of the exact types of the fields, and every field without a default must be given.
     """
-    message = model.__new__(model)
-    # As pydantic's own `model_construct`, which is slower because it supports aliases and extra fields.
-    _set(message, "__dict__", {**(_DEFAULTS.get(model) or _defaults(model)), **values})
-    _set(message, "__pydantic_fields_set__", set(values))
-    _set(message, "__pydantic_extra__", None)
-    _set(message, "__pydantic_private__", None)
+    message: M = object.__new__(model)
+    _set_values(message, (_DEFAULTS.get(model) or _defaults(model)) | values)
+    _set_given(message, set(values))
+    _set_extra(message, None)
+    _set_private(message, None)
     return message
 
 

@@ -71,14 +71,11 @@ class Signals:
                 no value has changed.
         """
         self._spend(client.id, now)
-        self._authorize(client, name)
         owner = self._owners.get(name)
-        if owner is None:
-            self._check_room(client, name)
-        elif owner.id != client.id:
-            text = f"signal {name} belongs to {self._values[name].owner}; use another name"
-            raise RemoteProtocolError(ErrorCode.SIGNAL_OWNED, text, about="signal")
-        self._owners[name] = client
+        if owner is None or owner.id != client.id:
+            self._authorize(client, name)
+            self._check_free(client, name)
+            self._owners[name] = client
         # A new dict in the order of the names: states that were handed out do not change, and their order
         # does not depend on the order in which clients set signals.
         newest = unvalidated(SignalValue, owner=client.name, value=value, time=now)
@@ -113,6 +110,12 @@ class Signals:
 
     def _rule(self, name: str) -> tuple[str, Reserved] | None:
         return next(((prefix, rule) for prefix, rule in self._reserved if name.startswith(prefix)), None)
+
+    def _check_free(self, client: Client, name: str) -> None:
+        if name in self._owners:
+            text = f"signal {name} belongs to {self._values[name].owner}; use another name"
+            raise RemoteProtocolError(ErrorCode.SIGNAL_OWNED, text, about="signal")
+        self._check_room(client, name)
 
     def _check_room(self, client: Client, name: str) -> None:
         own = Counter(_account(owner) for owner in self._owners.values())[_account(client)]
