@@ -1,5 +1,3 @@
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -195,7 +193,7 @@ def test_zoom(loop):
 
 def situation(fr, **changes):
     now = Situation(0.0, fr.start, np.zeros(6), fr.start, np.array([2.0, 0.3, 1.0]), 0.0, 1.0, NONE)
-    return replace(now, **changes)
+    return now._replace(**changes)
 
 
 @pytest.fixture
@@ -208,8 +206,8 @@ def test_a_lost_leader_brings_the_follower_to_rest(follower, fr):
     for k in range(80):
         time = 0.012 * k
         seen = min(time, 0.2)
-        step = follower.step(replace(now, time=time, target_time=seen))
-        now = replace(now, setpoint=now.setpoint + step.dq, last=step.dq, q=now.setpoint)
+        step = follower.step(now._replace(time=time, target_time=seen))
+        now = now._replace(setpoint=now.setpoint + step.dq, last=step.dq, q=now.setpoint)
         whys.append(step.why)
     assert "leader" not in whys[10]
     assert "no position of the leader for 0." in whys[-1]

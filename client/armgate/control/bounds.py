@@ -85,10 +85,10 @@ class IncrementBounds:
         """Return the bounds with the setpoint also limited to `lower` and `upper`, (n,)."""
         return replace(self, lower=np.maximum(self.lower, lower), upper=np.minimum(self.upper, upper))
 
-    def share(self, q: Vector) -> float:
-        """Return the largest distance of a joint at q (n,) from its middle, as a share of its half range."""
-        away = np.abs(q - 0.5 * (self.upper + self.lower))
-        return float((away / (0.5 * (self.upper - self.lower))).max())
+    def middle(self, share: float) -> tuple[Vector, Vector]:
+        """Return the limits (n,) of a share of the range, in its middle."""
+        middle, half = 0.5 * (self.upper + self.lower), 0.5 * (self.upper - self.lower)
+        return middle - share * half, middle + share * half
 
     def braked(self, dq: Vector) -> Vector:
         """Return the first increment of the quickest straight stop after `dq`: a share of `dq`."""

@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -28,8 +27,7 @@ SHORT = 1e-9
 SOON = 5
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """Motion of the robot at a tick.
 
     Attributes:
@@ -43,8 +41,7 @@ class Motion:
     last: Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Aim:
+class Aim(NamedTuple):
     """Goal of one increment: target at the time at which dq takes effect, its velocity, obstacles, bounds.
 
     Attributes:
@@ -66,8 +63,7 @@ class Aim:
     ways: Vector | None
 
 
-@dataclass(frozen=True, slots=True)
-class Chased:
+class Chased(NamedTuple):
     """Increment of a tick.
 
     Attributes:
@@ -83,8 +79,7 @@ class Chased:
     bounded: bool
 
 
-@dataclass(frozen=True, slots=True)
-class LawPath:
+class LawPath(NamedTuple):
     """Path of the law in a tick: its start, the increment induced by the target's motion, and its end."""
 
     start: Vector

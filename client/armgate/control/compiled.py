@@ -217,7 +217,7 @@ class CompiledLaw(CameraLaw):
 
     def errors(self, q: Vector, p: ArrayLike, wanted: float) -> tuple[float, float]:
         """Return angle and distance error; see `CameraLaw.errors`."""
-        x, y, z = vector(np.asarray(p, dtype=np.float64))
+        x, y, z = np.asarray(p, dtype=np.float64).tolist()
         angle, distance = self._kernels.look(_own(q), x, y, z, wanted, self._alone.packed)
         return angle, distance
 

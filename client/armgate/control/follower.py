@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,8 +19,7 @@ from armgate.control.shaping import RESERVE, braking_way
 from armgate.control.weights import Vector
 
 
-@dataclass(frozen=True, slots=True)
-class Situation:
+class Situation(NamedTuple):
     """Inputs of the follower at a tick of its robot.
 
     Attributes:
@@ -48,8 +47,7 @@ class Situation:
     near: tuple[NearPair, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class FollowStep:
+class FollowStep(NamedTuple):
     """Result of a tick.
 
     Attributes:

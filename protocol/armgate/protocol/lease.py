@@ -134,6 +134,10 @@ class Leases:
         """Return all grants of one session."""
         return [grant for grant in self._grants.values() if grant.session == session]
 
+    def robots_of(self, session: str) -> set[str]:
+        """Return the robots that one session holds."""
+        return {robot for robot, grant in self._grants.items() if grant.session == session}
+
     @property
     def sessions(self) -> set[str]:
         """Sessions that hold a robot."""

@@ -70,7 +70,7 @@ class Leasing:
 
     def held_by(self, session: str) -> set[str]:
         """Return the robots that a session holds."""
-        return {grant.robot for grant in self._leases.held_by(session)}
+        return self._leases.robots_of(session)
 
     def holds(self, session: str) -> bool:
         """Return True if the session holds a robot."""

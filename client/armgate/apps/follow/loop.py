@@ -1,6 +1,7 @@
 """State and models of the follower, which aims a camera at the leader by one increment per tick."""
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,10 @@ class FollowLoop:
     _last: LastIncrement = field(default_factory=LastIncrement)
     _zoomed: float | None = None
 
+    def __post_init__(self) -> None:
+        # Positions of each joint that are not near its limits.
+        self._inner = list(zip(*(end.tolist() for end in self.bounds.middle(NEAR_LIMIT)), strict=True))
+
     @classmethod
     def build(cls, cell: ProgramCell, robot: str, leader: str, options: FollowOptions) -> "FollowLoop":
         """Build the loop from the daemon's description.
@@ -114,7 +119,7 @@ class FollowLoop:
             stop_end=np.array(own.stop_end) if own.stop_end else None,
             near=self.proximity.pairs(own, entry),
         )
-        near = self.bounds.share(q) > NEAR_LIMIT
+        near = any(not low <= at <= high for at, (low, high) in zip(tick.q, self._inner, strict=True))
         shown = None if self.options.focus is None else tool
         return FollowOutput(self.follower.step(now), played, distance, focus, near, shown)
 
@@ -138,8 +143,7 @@ class FollowLoop:
         return tool, measured
 
 
-@dataclass(frozen=True)
-class FollowOutput:
+class FollowOutput(NamedTuple):
     """Output of the follower for one tick: increment, errors and signals.
 
     Attributes:

@@ -45,10 +45,11 @@ class Proximity:
 
     def pairs(self, own: Entry, other: Entry) -> tuple[NearPair, ...]:
         """Return the near pairs, with the margins after a stop of the leader; () if positions are unknown."""
-        if other.q is None or not other.stop_end or own.nearest is None:
+        close = [near for near in own.nearest or () if near.distance - near.limit < NEAR]
+        if not close or other.q is None or not other.stop_end:
             return ()
         q, end = np.array(other.q), np.array(other.stop_end)
-        found = (self._pair(near, q, end) for near in own.nearest if near.distance - near.limit < NEAR)
+        found = (self._pair(near, q, end) for near in close)
         return tuple(pair for pair in found if pair is not None)
 
     def _pair(self, near: Nearest, q: np.ndarray, end: np.ndarray) -> NearPair | None:

@@ -94,7 +94,7 @@ class PathProgram:
     def step(self, tick: Tick) -> Array | None:
         """Return the next increment (n,): along the path, or braking at the end."""
         setpoint = np.array(tick.setpoint)
-        played = self._last.update(tick.tick, tick.setpoint)
+        played = self._last.update(tick.tick, setpoint)
         self._count += 1
         if self._interrupted and np.all(np.abs(played) < REACHED):
             self.outcome = Outcome("interrupted, at rest")
