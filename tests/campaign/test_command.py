@@ -70,6 +70,11 @@ def test_a_missing_extra_is_reported_before_the_first_trial(
         (["FILE", "--trial", "zz"], 2, "--trial zz: no trials have this key"),
         (["FILE", "--jobs", 0], 2, "--jobs"),
         (
+            ["FILE", "--out", "OUT", "--scheduler", "nix"],
+            2,
+            "--scheduler nix: expected an address such as tcp:",
+        ),
+        (
             ["FILE", "--out", "FILE"],
             1,
             "small.yaml: cannot be written: Not a directory; 0 results are stored",
@@ -80,7 +85,9 @@ def test_wrong_use_is_one_clear_error(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[object], status: int, error: str
 ) -> None:
     file = write_campaign(tmp_path, seeds=1)
-    found, _, errors = call(capsys, *[file if word == "FILE" else word for word in words])
+    found, _, errors = call(
+        capsys, *[{"FILE": file, "OUT": tmp_path / "out"}.get(word, word) for word in words]
+    )
     assert found == status
     assert error in " ".join(errors.replace("│", " ").split())
     assert "Traceback" not in errors

@@ -197,3 +197,20 @@ def test_a_folder_that_cannot_be_made_is_one_clear_error(tmp_path: Path) -> None
     (tmp_path / "file").write_text("")
     with pytest.raises(CampaignError, match="file/x: cannot be written: Not a directory"):
         Store(tmp_path / "file" / "x", MANIFEST_1)
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"\xff\xfe", b"[" * 100_000])
+def test_a_damaged_manifest_is_one_clear_error(tmp_path: Path, content: bytes) -> None:
+    fill(tmp_path, [0])
+    (tmp_path / MANIFEST).write_bytes(content)
+    with pytest.raises(CampaignError, match=r"campaign.json: damaged: .*; choose another --out"):
+        Store(tmp_path, MANIFEST_1)
+
+
+def test_a_part_with_another_name_is_read_and_kept_apart(tmp_path: Path) -> None:
+    fill(tmp_path, [0, 1])
+    os.rename(tmp_path / "results.parquet", tmp_path / PARTS / "more.parquet")
+    with Store(tmp_path, MANIFEST_1) as store:
+        assert TRIALS[1].key in store
+        store.put(TRIALS[2], RESULTS[2])
+    assert len(read_results(tmp_path)) == 3

@@ -7,16 +7,19 @@ So the driver stores each batch as soon as it ends, and the campaign is resumed 
 import importlib
 import logging
 import queue
+import re
 import time
 from collections.abc import Sequence
 from typing import Any
 from uuid import uuid4
 
-from armgate.campaign.errors import CampaignError
+from armgate.campaign.errors import CampaignError, UsageError
 from armgate.campaign.pool import Finished, Plan
 from armgate.campaign.trials import Trial
 from armgate.campaign.worker import packed, run_batch
 
+ADDRESS = re.compile(r"(tcp|tls|ws|wss)://[^/\s]+:\d{1,5}")
+"""Address of a scheduler."""
 CONNECT_TIME = 10.0
 """Timeout for the scheduler and its first worker, s."""
 LOST_TIME = 5.0
@@ -36,10 +39,13 @@ class DaskPool:
         workers: Number of workers of the cluster on this machine.
 
     Raises:
+        UsageError: The address of the scheduler is not one.
         CampaignError: The scheduler does not answer, or has no workers.
     """
 
     def __init__(self, plan: Plan, scheduler: str | None, workers: int | None) -> None:
+        if scheduler is not None and ADDRESS.fullmatch(scheduler) is None:
+            raise UsageError(f"--scheduler {scheduler}: expected an address such as tcp://host:8786")
         _silence()
         self._plan = packed(plan)
         self._address = scheduler

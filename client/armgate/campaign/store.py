@@ -138,7 +138,7 @@ class Store:
         else:
             write_durably(manifest_file, json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
         self._stored = _read(self.folder)
-        self._number = max((int(part.stem) for part in self._parts()), default=0)
+        self._number = max((int(part.stem) for part in self._parts() if part.stem.isdecimal()), default=0)
 
     def _parts(self) -> list[Path]:
         return sorted((self.folder / PARTS).glob("*.parquet"))
@@ -206,8 +206,12 @@ def check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
 
     Raises:
         UsageError: They differ; the text lists how.
+        CampaignError: The file is damaged.
     """
-    before = json.loads(path.read_text(encoding="utf-8"))
+    try:
+        before = json.loads(path.read_bytes())
+    except (ValueError, RecursionError) as error:
+        raise CampaignError(f"{path}: damaged: {error}; choose another --out") from error
     if changes := list(differences(before, json.loads(json.dumps(manifest)))):
         lines = [*changes[:10], *([f"… and {len(changes) - 10} more"] if len(changes) > 10 else [])]
         listed = "".join(f"\n  {line}" for line in lines)
