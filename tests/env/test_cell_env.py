@@ -1,5 +1,8 @@
 """The environment of a cell: actions, verdicts, saved states, recordings, wrong use."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -98,13 +101,17 @@ def test_without_adjustment_the_gate_judges_raw_increments():
 @pytest.mark.parametrize(
     ("action", "text"),
     [
-        ([np.nan, 0.0, 0.0], r"expected finite numbers"),
-        ([np.inf, 0.0, 0.0], r"expected finite numbers"),
+        ([np.nan, 0.0, 0.0], r"expected 3 finite numbers"),
+        ([np.inf, 0.0, 0.0], r"expected 3 finite numbers"),
         ([0.0, 0.0], r"shape \(2,\); expected \(3,\)"),
         (0.0, r"shape \(\); expected \(3,\)"),
         (None, r"expected"),
-        ("go", r"expected 3 numbers"),
-        ([[1.0, 2.0], [3.0]], r"expected 3 numbers"),
+        (["1", "0", "0"], r"expected 3 finite numbers"),
+        ([1j, 0, 0], r"expected 3 finite numbers"),
+        ([10**400, 0, 0], r"expected 3 finite numbers"),
+        (np.ma.masked_all(3), r"expected 3 finite numbers"),
+        ("go", r"expected 3 finite numbers"),
+        ([[1.0, 2.0], [3.0]], r"expected 3 finite numbers"),
     ],
 )
 def test_an_invalid_action_is_one_error_and_no_time_passes(action, text):
@@ -155,6 +162,8 @@ def test_wrong_arguments_are_one_error(options, text):
         ({"place": 32}, "place.: 32; expected 0 to 31"),
         ({"place": True}, "place.: True; expected 0 to 31"),
         ({"state": b"x"}, "state.: not a saved episode"),
+        ({"state": pickle.dumps((1, 2, 3, 4, 5))}, "state.: not a saved episode: a int"),
+        ([1], "reset options: .1.; expected a mapping"),
         ({"place": "first"}, "place.: 'first'; expected 0 to 31"),
         ({"state": "saved"}, "state.: a str; expected bytes from save"),
         ({"state": b"", "place": 1}, "expected no other option beside 'state'"),
@@ -221,6 +230,41 @@ def test_a_state_of_an_agent_with_other_robots_is_refused(env, arms):
 
     with pytest.raises(EnvError, match="the agent commanded A, B in another environment"):
         CellEnv(arms, "A").reset(options={"state": env.save()})
+
+
+def test_a_state_of_another_task_is_refused(arms):
+    from armgate.env import CellEnv, EnvError, Reach
+
+    free, reach = CellEnv(arms), CellEnv(arms, task=Reach())
+    free.reset(seed=0)
+    with pytest.raises(EnvError, match="saved with the task Free; this environment has Reach"):
+        reach.reset(options={"state": free.save()})
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_of_an_environment_continues_with_the_same_bytes(env, copied):
+    action = np.full(6, 0.3)
+    env.step(action)
+    again = copied(env)
+    for _ in range(3):
+        assert repr(env.step(action)) == repr(again.step(action))
+
+
+def test_a_recording_environment_cannot_be_copied_and_a_closed_one_needs_a_reset(tmp_path):
+    import gymnasium
+
+    from armgate.env import EnvError
+
+    env = planar(record=tmp_path)
+    with pytest.raises(EnvError, match="records cannot be copied"):
+        copy.deepcopy(env)
+    env.close()
+    env.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros(3))
+    env.reset()
+    assert env.step(np.zeros(3))[4]["outcome"] == "admitted"
+    env.close()
 
 
 def test_a_state_of_another_cell_is_refused(env, tmp_path):

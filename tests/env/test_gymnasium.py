@@ -114,18 +114,26 @@ def test_a_vector_without_autoreset_resets_the_environments_of_the_mask():
 
 
 def test_errors_in_a_worker_are_raised_and_the_vector_continues():
+    import gymnasium
+
     from armgate.env import ActionError, EnvError, WorkerVectorEnv
 
     envs = WorkerVectorEnv([partial(make, "Reach", places=2)] * 2, workers=2)
     envs.reset(seed=0)
-    with pytest.raises(ActionError, match="expected finite numbers"):
-        envs.step(np.full((2, 3), np.nan))
-    with pytest.raises(EnvError, match="1 actions for 2 environments"):
-        envs.step(np.zeros((1, 3)))
+    for actions in (np.full((2, 3), np.nan), np.zeros((1, 3)), 0.0, [[0.0] * 3, [0.0]]):
+        with pytest.raises(ActionError, match="expected 2 rows of finite numbers"):
+            envs.step(actions)
+    with pytest.raises(ActionError, match=r"action of shape \(2,\); expected \(3,\)"):
+        envs.step(np.zeros((2, 2)))
     with pytest.raises(EnvError, match="1 seeds for 2 environments"):
         envs.reset(seed=[1])
     assert envs.step(np.zeros((2, 3)))[0].shape == (2, 13)
     envs.close()
+    envs.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        envs.reset()
+    with pytest.raises(EnvError, match="the environments have different spaces"):
+        WorkerVectorEnv([partial(make, "Reach"), partial(make, "Reach", observation="dict")], workers=2)
 
 
 @pytest.mark.slow

@@ -63,6 +63,16 @@ def test_a_goal_that_is_no_point_is_one_error(goal):
         made("Reach", random_start=False).reset(seed=0, options={"goal": goal})
 
 
+@pytest.mark.parametrize("value", [0, -1.0, np.nan, np.inf, "a", None])
+def test_a_tolerance_or_distance_that_is_not_positive_is_one_error(value):
+    from armgate.env import EnvError, Follow, Reach
+
+    with pytest.raises(EnvError, match=r"tolerance: .*; expected a finite positive number"):
+        Reach(tolerance=value)
+    with pytest.raises(EnvError, match=r"distance: .*; expected a finite positive number"):
+        Follow(distance=value)
+
+
 def test_follow_measures_the_errors_of_the_camera_while_the_leader_plays_its_path():
     env = made("Follow")
     env.reset(seed=0)

@@ -29,6 +29,18 @@ def bounds_of(robot: Robot) -> IncrementBounds:
     )
 
 
+def finite_array(value: object) -> Array | None:
+    """Return real finite numbers as an array; None if the value is anything else."""
+    try:
+        given = np.asarray(value)
+    except ValueError:  # lists of different lengths
+        return None
+    if given.dtype.kind not in "biuf" or np.ma.is_masked(value):
+        return None
+    numbers = given.astype(np.float64)
+    return numbers if np.isfinite(numbers).all() else None
+
+
 class Actions:
     """Conversion of actions; the joints of all robots of the agent follow each other.
 
@@ -70,14 +82,11 @@ class Actions:
         Raises:
             ActionError: It is not.
         """
-        try:
-            given = np.asarray(action, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise ActionError(f"action {action!r}; expected {len(self._unit)} numbers") from error
+        given = finite_array(action)
+        if given is None:
+            raise ActionError(f"action {action!r}; expected {len(self._unit)} finite numbers")
         if given.shape != self._unit.shape:
             raise ActionError(f"action of shape {given.shape}; expected {self._unit.shape}")
-        if not np.isfinite(given).all():
-            raise ActionError(f"action {given.tolist()}; expected finite numbers")
         return given
 
     def wanted(self, action: Array) -> dict[str, Array]:

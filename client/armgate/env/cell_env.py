@@ -137,6 +137,8 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         Raises:
             EnvError: An option is unknown or has a wrong value.
         """
+        if options is not None and not isinstance(options, Mapping):
+            raise EnvError(f"reset options: {options!r}; expected a mapping")
         super().reset(seed=seed)
         given = dict(options or {})
         state, place = given.pop("state", None), given.pop("place", None)
@@ -165,8 +167,25 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         return observation, reward, transition.terminated or stopped, False, info
 
     def close(self) -> None:
-        """Close the recording."""
+        """End the episode, and close its recording."""
         self._close_recording()
+        self._episode = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state of a copy.
+
+        Raises:
+            EnvError: The environment records; two copies cannot write one recording.
+        """
+        if self._recordings is not None:
+            raise EnvError("an environment that records cannot be copied; make another one")
+        return dict(self.__dict__)
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Continue in a copy."""
+        self.__dict__.update(state)
+        if self._episode is not None:
+            self._episode.resume(self.cell)
 
     # --- episodes -----------------------------------------------------------------------------------------
 
@@ -175,7 +194,8 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
 
         The programs of other robots are saved too, so they must be picklable.
         """
-        return pickle.dumps((self._cast.agent, self._cast.driven, self.episode, self._task.state()))
+        kind = type(self._task).__qualname__
+        return pickle.dumps((self._cast.agent, self._cast.driven, kind, self.episode, self._task.state()))
 
     def _begin(self, place: int, options: Mapping[str, Any]) -> None:
         if self._recordings is None:
@@ -190,7 +210,7 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
             raise EnvError("reset: expected no other option beside 'state'")
         if self._recordings is not None:
             raise EnvError("reset: an episode that begins at a saved state cannot be recorded")
-        self._episode, task = _unpickled(state, self._cast)
+        self._episode, task = _unpickled(state, self._cast, type(self._task).__qualname__)
         self._task.restore(task)
 
     def _place(self, place: object) -> int:
@@ -219,18 +239,21 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
             self._recordings.close()
 
 
-def _unpickled(state: object, cast: Cast) -> tuple[Episode, Any]:
+def _unpickled(state: object, cast: Cast, kind: str) -> tuple[Episode, Any]:
     """Return a saved episode, resumed, and the state of its task."""
     if not isinstance(state, bytes):
         raise EnvError(f"reset option 'state': a {type(state).__name__}; expected bytes from save()")
     try:
-        agent, driven, episode, task = pickle.loads(state)  # noqa: S301 (only states of trusted programs)
+        agent, driven, saved, episode, task = pickle.loads(state)  # noqa: S301 (of trusted programs)
+        if not isinstance(episode, Episode):
+            raise TypeError(f"a {type(episode).__name__}")
     except Exception as error:
         raise EnvError(f"reset option 'state': not a saved episode: {error}") from error
     if (agent, driven) != (cast.agent, cast.driven):
         text = f"the agent commanded {', '.join(agent)} in another environment"
         raise EnvError(f"reset option 'state': {text}")
-    assert isinstance(episode, Episode)
+    if saved != kind:
+        raise EnvError(f"reset option 'state': saved with the task {saved}; this environment has {kind}")
     episode.resume(cast.cell)
     return episode, task
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from armgate.env.errors import EnvError
-from armgate.env.tasks import Arms, Assessment, Scene, refuse_options
+from armgate.env.tasks import Arms, Assessment, Scene, positive, refuse_options
 
 Array = NDArray[np.float64]
 
@@ -28,11 +28,14 @@ class Follow:
         robot: Robot with the camera; None: the agent's first robot that has one.
         leader: Robot whose tool is followed; None: the first robot that the agent does not command.
         distance: Wanted distance, m.
+
+    Raises:
+        EnvError: The distance is not a positive number.
     """
 
     def __init__(self, robot: str | None = None, leader: str | None = None, distance: float = 1.0) -> None:
         self._robot, self._leader = robot, leader
-        self._wanted = distance
+        self._wanted = positive("distance", distance)
         self._scene: Scene
         self._way = np.zeros(3)
 

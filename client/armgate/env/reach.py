@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from armgate.env.actions import finite_array
 from armgate.env.errors import EnvError
-from armgate.env.tasks import Arms, Assessment, Scene, refuse_options
+from armgate.env.tasks import Arms, Assessment, Scene, positive, refuse_options
 
 Array = NDArray[np.float64]
 
@@ -32,11 +33,14 @@ class Reach:
     Args:
         robot: The robot; None: the agent's first.
         tolerance: Distance at which the goal is reached, m.
+
+    Raises:
+        EnvError: The tolerance is not a positive number.
     """
 
     def __init__(self, robot: str | None = None, tolerance: float = 0.05) -> None:
         self._robot = robot
-        self._tolerance = tolerance
+        self._tolerance = positive("tolerance", tolerance)
         self._scene: Scene
         self._goal = self._way = np.zeros(3)
 
@@ -99,10 +103,7 @@ def _norm(way: Array) -> float:
 
 
 def _point(value: object) -> Array:
-    try:
-        point = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        point = np.zeros(0)
-    if point.shape != (3,) or not np.isfinite(point).all():
+    point = finite_array(value)
+    if point is None or point.shape != (3,):
         raise EnvError(f"reset option 'goal': {value!r}; expected a point of three finite numbers, m")
     return point

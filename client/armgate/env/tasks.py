@@ -1,5 +1,6 @@
 """Tasks: what an agent is rewarded for."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -110,6 +111,17 @@ class Free:
 
     def restore(self, state: None) -> None:
         """Restore nothing."""
+
+
+def positive(name: str, value: float) -> float:
+    """Return an argument of a task.
+
+    Raises:
+        EnvError: It is not a finite positive number.
+    """
+    if isinstance(value, int | float) and 0.0 < value < math.inf:
+        return value
+    raise EnvError(f"{name}: {value!r}; expected a finite positive number")
 
 
 def refuse_options(options: Mapping[str, Any], known: tuple[str, ...]) -> None:

@@ -16,7 +16,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv, VectorEnv
 from gymnasium.vector.utils import CloudpickleWrapper, batch_space
 
-from armgate.env.errors import EnvError
+from armgate.env.actions import finite_array
+from armgate.env.errors import ActionError, EnvError
 
 MakeEnv = Callable[[], gymnasium.Env]
 
@@ -49,7 +50,7 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
         shares = [env_fns[begin:end] for begin, end in zip([0, *self._ends], self._ends, strict=False)]
         self._workers = [_Worker(share, mode) for share in shares]
         self._sizes = [len(share) for share in shares]
-        observation, action, metadata = self._first_answer()
+        observation, action, metadata = self._common_answer()
         self.single_observation_space, self.single_action_space = observation, action
         self.observation_space = batch_space(observation, self.num_envs)
         self.action_space = batch_space(action, self.num_envs)
@@ -65,6 +66,7 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
             seed: Seed of the first environment, each later one has the next number; or a seed for each.
             options: Options for all environments.
         """
+        self._check_open()
         if seed is None or isinstance(seed, int):
             seeds = [None if seed is None else seed + k for k in range(self.num_envs)]
         else:
@@ -78,9 +80,11 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         """Step all environments; errors of actions are raised after all workers have answered."""
+        self._check_open()
+        checked = finite_array(actions)
+        if checked is None or checked.shape[:1] != (self.num_envs,):
+            raise ActionError(f"actions {actions!r}; expected {self.num_envs} rows of finite numbers")
         given = np.asarray(actions)
-        if len(given) != self.num_envs:
-            raise EnvError(f"{len(given)} actions for {self.num_envs} environments; expected one for each")
         for worker, part in zip(self._workers, self._parts(), strict=True):
             worker.send("step", given[part])
         observations, rewards, terminated, truncated, infos = zip(*self._answers(), strict=True)
@@ -100,13 +104,20 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
     def _parts(self) -> list[slice]:
         return [slice(begin, end) for begin, end in zip([0, *self._ends], self._ends, strict=False)]
 
-    def _first_answer(self) -> Any:
-        """Return what the first worker reports about its environments; end all workers after an error."""
+    def _common_answer(self) -> Any:
+        """Return what the workers report about their environments; end all workers after an error."""
         try:
-            return self._answers()[0]
+            first, *others = self._answers()
+            if any(other[:2] != first[:2] for other in others):
+                raise EnvError("the environments have different spaces; expected the same spaces")
         except Exception:
             self.close_extras()
             raise
+        return first
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise gymnasium.error.ClosedEnvironmentError("the environments are closed; make new ones")
 
     def _answers(self) -> list[Any]:
         """Return the answers of all workers; raise the first error among them."""
