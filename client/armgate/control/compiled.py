@@ -303,8 +303,9 @@ class CompiledChase(Chase):
     def step(self, motion: Motion, aim: Aim) -> Chased:
         """Return the increment towards the optimum, as far as the bounds allow."""
         rows, bounds = self._rows, aim.bounds
-        # In the order of `kernels.START`, …
-        rows[:5] = motion.start, motion.setpoint, motion.last, bounds.lower, bounds.upper
+        # In the order of `kernels.START`, … One by one: numpy would first make an array of them.
+        rows[0], rows[1], rows[2] = motion
+        rows[3], rows[4] = bounds.lower, bounds.upper
         rows[8:10] = 1.0 if aim.ways is None else aim.ways
         self._aim[:3], self._aim[3:6] = aim.focus, aim.velocity
         self._aim[6], self._aim[7] = aim.distance, aim.emergency

@@ -87,10 +87,13 @@ class RecordedPath:
         i = min(int(u), len(self.q) - 2)
         s = u - i
         left, right, leaves, arrives = (basis @ np.array([1.0, s, s * s, s * s * s])).tolist()
-        values = left * self.q[i] + right * self.q[i + 1]
-        bends = leaves * self._slopes[i] + arrives * self._slopes[i + 1]
-        at: Array = values + self.period * bends
-        return at
+        ends = (row.tolist() for row in (self.q[i], self.q[i + 1], self._slopes[i], self._slopes[i + 1]))
+        return np.array(
+            [
+                left * a + right * b + self.period * (leaves * da + arrives * db)
+                for a, b, da, db in zip(*ends, strict=True)
+            ]
+        )
 
     def line_of(self, sample: int) -> int:
         """Return the line of the file that holds a sample."""

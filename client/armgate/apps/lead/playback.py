@@ -40,7 +40,7 @@ class Playback:
         self._bounds = bounds
         self._pace = 0.0
         self._started = False
-        self._lag = BEHIND * bounds.increment
+        self._lag: list[float] = (BEHIND * bounds.increment).tolist()
         # Position at path time `time`, once the path has started.
         self._here = path.at(0.0)
 
@@ -93,7 +93,7 @@ class Playback:
         """Advance path time by one tick at the new pace, braking in time for the end."""
         T = self._bounds.period
         change = T / RAMP
-        keeps_up = bool((np.abs(behind) <= self._lag).all())
+        keeps_up = all(abs(way) <= most for way, most in zip(behind.tolist(), self._lag, strict=True))
         wanted = self._pace + change if keeps_up else self._pace - 4.0 * change
         # v² = 2 s / RAMP: the pace from which the path comes to rest within the rest of this run.
         left = self.end - self.time
