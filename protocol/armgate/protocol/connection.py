@@ -138,7 +138,7 @@ class Connection:
     Attributes:
         role: This side of the connection.
         versions: Versions that this side supports.
-        state: Current state.
+        state: Current state; only the connection changes it.
         version: Version in use; None until it is chosen (server: by hello, client: by welcome).
         hello: The hello sent or received; None before.
         capabilities: Capabilities in the peer's hello or welcome.

@@ -13,7 +13,15 @@ from armgate.emulator import VirtualClock
 from armgate.gate import Gate
 from armgate.links.emulated.link import EmulatedLink
 from armgate.links.log import Log
-from armgate.protocol import INBOUND_LIMIT, OUTBOUND_LIMIT, Connection, Refusal, RemoteProtocolError, Side
+from armgate.protocol import (
+    INBOUND_LIMIT,
+    OUTBOUND_LIMIT,
+    Connection,
+    Refusal,
+    RemoteProtocolError,
+    Side,
+    encode,
+)
 from armgate.protocol import messages as m
 from armgate.world.core import Core
 from armgate.world.gate_runner import GateRunner
@@ -106,10 +114,7 @@ class Client:
 
     def send_before_hello(self, message: m.Message) -> None:
         """Send another message before hello; the server must answer with a fatal error."""
-        frame = Connection(Side.CLIENT)
-        frame.send(m.Hello(versions=(1,), name="x"))
-        frame.state = type(frame.state).READY
-        (item,) = self._there.receive(frame.send(message))
+        (item,) = self._there.receive(encode(message))
         require(isinstance(item, Refusal) and item.error.code == "unexpected", f"before hello: {item}")
         self.gone = True
 
