@@ -5,7 +5,8 @@ the same increments in every run, and receives all states. The shares of the par
 second run, with timers around them that slow it down.
 
 With controllers, the programs of the demo run in the world: a leader that plays the inspection tour, and the
-follower with its compiled law.
+follower with its compiled law. At last the same programs run as processes, in lock-step over sockets, as
+`bench_demo.py` does.
 
     bench_world.py [STEPS]
 """
@@ -21,6 +22,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from bench_demo import rows as over_sockets
 from report import Row, report
 from scenes import CONFIGS, demo_cell
 
@@ -189,4 +191,4 @@ def copies() -> list[Row]:
 
 if __name__ == "__main__":
     gc.freeze()
-    report("world", [*steps(), *programs(), *shares(), *copies()])
+    report("world", [*steps(), *programs(), *shares(), *copies(), *over_sockets()])
