@@ -93,14 +93,19 @@ class FrameDecoder:
                 return None
         payload = bytes(memoryview(self._buffer)[HEADER : self._needed])
         del self._buffer[: self._needed]
-        self._seen = max(0, self._seen - self._needed)
-        self._searched = max(0, self._searched - self._needed)
-        self.ahead = max(0, self.ahead - 1)
+        if self._seen or self._searched:
+            self._move_search(self._needed)
         self._needed = HEADER
         return payload
 
     # Looking ahead. The buffer is divided at `_seen`: the frames before it have been looked at and wait for
     # `pop`, the frames after it have not. `take_seen` removes the last frame before `_seen` out of turn.
+
+    def _move_search(self, popped: int) -> None:
+        """Adjust the offsets after the first frame, of this length, was removed."""
+        self._seen = max(0, self._seen - popped)
+        self._searched = max(0, self._searched - popped)
+        self.ahead = max(0, self.ahead - 1)
 
     def may_hold(self, word: bytes) -> bool:
         """Return True if ``word`` occurs in a complete frame not looked at yet, or in the bytes after it.

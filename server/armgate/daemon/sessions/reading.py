@@ -8,7 +8,7 @@ none of its messages is dropped.
 import asyncio
 from abc import abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, get_args
 
 from armgate.daemon.sessions.connection_limits import Slot
 from armgate.daemon.sessions.rate_limits import RateLimit
@@ -38,6 +38,8 @@ _AHEAD = 256 * 1024
 
 _STOPS = 20.0
 """Stops of a client that are executed ahead of its other messages: rate per second, and burst."""
+
+_REQUESTS = frozenset(get_args(ClientRequest))
 
 _COSTS: dict[type[object], float] = {
     Refusal: 2, m.Describe: 20, m.Asset: 20, m.Sessions: 20,
@@ -263,9 +265,9 @@ class SessionReader(asyncio.BufferedProtocol, Peer):
             case m.Bye():
                 self.leave(f"bye: {item.reason}" if item.reason else "bye")
                 self.close(m.Bye())
-            case _ if isinstance(item, ClientRequest):
+            case _ if type(item) in _REQUESTS:  # faster than isinstance with a union
                 if self._host.serving:
-                    self._handler.handle(self, item)
+                    self._handler.handle(self, item)  # type: ignore[arg-type]
             case _:
                 raise AssertionError(f"{item.type}: not a message of clients")
 
