@@ -136,6 +136,12 @@ BUGS = (
         "self._armed, self._had_daemon = True, True",
     ),
     Bug(
+        "second daemon gets the robots",
+        f"{_LINKS}/robot_server/server.py",
+        "        if self._daemon is not None:\n            return f",
+        "        if self._daemon is None:\n            return '' and f",
+    ),
+    Bug(
         "stop forgotten when another one is reset",
         f"{_WORLD}/stopping.py",
         "return [robot for robot in self._robots if not self._gate.stops(robot)]",

@@ -33,10 +33,11 @@ class Fault:
         return f"{self.at / _S:8.3f} s  {self.kind} {self.target} {self.amount:.3g}"
 
 
-_CLIENT = ("cut", "block", "stall", "kill", "loss", "delay", "vanish")
-_DAEMON_KINDS = ("stall", "stall", "kill", "kill", "end", "long stall", "power", "power")
+_CLIENT = ("cut", "block", "deaf", "mute", "stall", "kill", "loss", "delay", "vanish")
+_DAEMON_KINDS = ("stall", "stall", "kill", "end", "long stall", "power", "power", "power", "clock")
 _SERVER_KINDS = ("stall", "kill", "end", "cut", "long stall")
-_DISK = ("slow disk", "full disk", "failing sync")
+_DISK = ("slow disk", "full disk", "failing sync", "failing write", "failing create")
+_HOUR = 3600 * _S
 
 
 def schedule_of(rng: random.Random, seconds: float, clients: Sequence[str], mode: str) -> list[Fault]:
@@ -106,7 +107,7 @@ class Faults:
             if {source, target} & self.vanished:
                 continue
             route.loss, route.delay_ns, route.blocked_until = 0.0, 100_000, 0
-        self._disk.slow_until, self._disk.sync_fails, self._disk.room = 0, False, 1 << 40
+        self._disk.heal()
 
     def _to_daemon(self, fault: Fault) -> None:
         life = self._stack.life
@@ -121,6 +122,8 @@ class Faults:
                 self._stack.end_daemon(kill=True)
             case "power":
                 self._stack.power_failure()
+            case "clock":
+                self._machine.day_ns += _HOUR if fault.at % 2 else -_HOUR
             case _:
                 self._stack.end_daemon(kill=False)
 
@@ -152,8 +155,9 @@ class Faults:
                     if getattr(sock, "_in", None) is not None:
                         sock.broken()
                         sock._out.target.broken()
-            case "block":
-                self._network.block(process.host, now + ns)
+            case "block" | "deaf" | "mute":
+                inward, outward = fault.kind != "mute", fault.kind != "deaf"
+                self._network.block(process.host, now + ns, inward=inward, outward=outward)
             case "stall":
                 process.pause(ns)
             case "kill":
@@ -181,5 +185,9 @@ class Faults:
                 self._disk.slow_ns = round(fault.amount * _S)
             case "full disk":
                 self._disk.room = round(fault.amount * 30_000)
-            case _:
+            case "failing sync":
                 self._disk.sync_fails = True
+            case "failing write":
+                self._disk.write_fails = True
+            case _:
+                self._disk.create_fails = True

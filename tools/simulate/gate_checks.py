@@ -52,7 +52,7 @@ class GateChecks:
         self._ticks: dict[str, e.Tick] = {}
         self._held: dict[str, e.Plan] = {}
         self._offered: dict[tuple[str, e.PlanKey], e.Plan] = {}
-        self.ticks = self._accepted = 0
+        self._accepted = 0
 
     def step(self, event: e.GateEvent) -> list[e.GateOutput]:
         """Process one event, and check it with its outputs."""
@@ -105,6 +105,11 @@ class GateChecks:
         """Stops in force."""
         return self._stops
 
+    @property
+    def ready(self) -> bool:
+        """True if the link of a robot is ready."""
+        return any(self._ready.values())
+
     # --- leases and stops -----------------------------------------------------------------------------------
 
     def _lease(self, change: e.LeaseChange) -> None:
@@ -130,7 +135,6 @@ class GateChecks:
     # --- ticks and commands ---------------------------------------------------------------------------------
 
     def _tick(self, tick: e.Tick) -> None:
-        self.ticks += 1
         before = self._ticks.get(tick.robot)
         self._check(
             before is None or tick.tick == before.tick + 1 or tick.tick > before.tick,

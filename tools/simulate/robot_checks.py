@@ -46,7 +46,7 @@ class RobotChecks:
         self.ticks += 1
         robot, before = self._robots[tick.robot], self._last.get(tick.robot)
         self._last[tick.robot] = tick
-        self.q[tick.robot] = tick.q
+        moved, self.q[tick.robot] = tick.q != self.q.get(tick.robot), tick.q
         text = lambda: f"{tick}"  # noqa: E731
         check = self._findings.check
         inside = all(
@@ -67,8 +67,9 @@ class RobotChecks:
             check(
                 gone < self._longest[tick.robot], "robots rest without a daemon", lambda: f"{gone} ns: {tick}"
             )
-        least = clearance(self.q)
-        check(least >= KEPT - _NEAR, "clearance", lambda: f"{least} m at {self.q}")
+        if moved:
+            least = clearance(self.q)
+            check(least >= KEPT - _NEAR, "clearance", lambda: f"{least} m at {self.q}")
 
     def _check_change(self, before: Tick, tick: Tick) -> None:
         robot = self._robots[tick.robot]

@@ -19,8 +19,8 @@ from tools.simulate.clients.behaviour import (
     RawClient,
     SdkClient,
     Setting,
-    Vandal,
 )
+from tools.simulate.clients.hostile import Crowd, Rival, Vandal
 from tools.simulate.daemon_checks import DaemonChecks
 from tools.simulate.faults import Fault, Faults, schedule_of
 from tools.simulate.findings import Findings
@@ -30,7 +30,7 @@ from tools.simulate.machine.machine import Machine, Process
 from tools.simulate.machine.network import Conditions, Network
 from tools.simulate.machine.sockets import SimulatedSocket, SimulatedTimer
 from tools.simulate.recording_checks import RecordingChecks
-from tools.simulate.stack import Life, Stack, WatchedRobots, largest_steps
+from tools.simulate.stack import ROBOTS, Life, Stack, WatchedRobots, largest_steps
 
 _S = 1_000_000_000
 _CALM = 1.2
@@ -40,6 +40,9 @@ _PROBE = 8.0
 """Time within which every robot can be commanded again, s."""
 
 _ACCEPTED = 3
+_STEPS = 20
+"""Ticks of a lock-step that show that it goes on."""
+
 _LEAVE = 1.5
 """Time in which nothing may be left of clients that are gone, s."""
 
@@ -57,6 +60,12 @@ _END = 12.0
 
 _REPLAYED = 5
 """Every so many seeds, recordings are replayed."""
+
+_CROWDED, _RIVALLED = 0.15, 0.3
+"""Shares of the simulations with a crowd of connections, and with a second daemon at the robot server."""
+
+_PACE = 0.02
+"""Period above which clients act more rarely, s."""
 
 _CHECK_NS = 50_000_000
 
@@ -105,8 +114,16 @@ class Simulation:
         )
         self._disk = Disk(self._machine, self._random("disk"))
         self._findings = Findings(self._machine.trace)
-        periods = {robot.name: robot.period for robot in self._cell.robots}
-        self._setting = Setting(self._findings, lockstep, largest_steps(self._cell), periods)
+        pace = max(1.0, min(self._variant.periods) / _PACE)
+        self._setting = Setting(
+            self._findings,
+            lockstep,
+            largest_steps(self._cell),
+            cell=self._cell.hash,
+            robots=ROBOTS,
+            robots_held=lambda: self._stack.robots_held,
+            pace=pace,
+        )
         self._daemons = DaemonChecks(self._findings, self._cell.config.server, len(self._cell.robots))
         keys = self._login() if choose.random() < 0.3 else Keys()
         self._stack = Stack(
@@ -146,6 +163,8 @@ class Simulation:
             kinds |= {f"hand{k}": Controller for k in range(choose.randint(0, 2))}
             kinds |= {f"sdk{k}": SdkClient for k in range(choose.randint(0, 2))}
         kinds |= {f"vandal{k}": Vandal for k in range(choose.choice((0, 0, 1, 2)))}
+        kinds |= {"crowd": Crowd} if choose.random() < _CROWDED else {}
+        kinds |= {"rival": Rival} if self._mode == "server" and choose.random() < _RIVALLED else {}
         self._kinds = kinds
         self._clients: dict[str, Process] = {}
         self._starts = 0
@@ -161,7 +180,7 @@ class Simulation:
         if host in self._faults.vanished:
             host = f"10.0.{self._starts}.{number + 1}"
         process = self._clients[name] = self._machine.process(name, host)
-        client: RawClient | SdkClient = self._kinds[name](
+        client: RawClient | SdkClient | Crowd | Rival = self._kinds[name](
             name, self._setting, self._random(f"{name} {self._machine.now}")
         )
         process.on_exit = self._client_ended
@@ -250,7 +269,9 @@ class Simulation:
         self._faults.heal()
         self._setting.calm = True
         self._run_for(_CALM)
-        if self._mode != "lockstep":
+        if self._mode == "lockstep":
+            self._probe_steps()
+        else:
             self._probe()
         self._setting.over = True
         self._run_for(_UNREACHABLE if self._vanished else _LEAVE)
@@ -282,6 +303,13 @@ class Simulation:
         self._run_for(_PROBE, lambda: min(probe.accepted.values()) >= _ACCEPTED)
         if min(probe.accepted.values()) < _ACCEPTED and not self._over():
             self._findings.report("the stack works after faults", f"{probe.accepted}")
+
+    def _probe_steps(self) -> None:
+        """Check that the lock-step goes on; a participant whose host vanished is dropped first."""
+        enough = self._stack.ticks + _STEPS
+        self._run_for(_UNREACHABLE, lambda: self._stack.ticks >= enough)
+        if self._stack.ticks < enough and not self._over():
+            self._findings.report("the lock-step goes on", f"{self._stack.ticks} ticks; expected {enough}")
 
     def _run_for(self, seconds: float, done: Callable[[], bool] = lambda: False) -> None:
         enough = self._stack.ticks + max(200, self._steps // 4) if self._mode == "lockstep" else 1 << 62

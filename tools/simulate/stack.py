@@ -74,6 +74,10 @@ class Stack:
         keys: Tokens of clients.
         robot_server: True if a robot server runs the links.
         record: True if the runs are recorded.
+
+    Attributes:
+        lives: Lives of daemons, the latest one last.
+        ticks: Number of ticks that daemons have processed.
     """
 
     def __init__(
@@ -91,6 +95,7 @@ class Stack:
         self._keys, self._record = keys, record
         self.has_server = robot_server
         self.lives: list[Life] = []
+        self.ticks = 0
         self.server: Process | None = None
         self._server_log: SimulatedLog | None = None
         self.robots = RobotChecks(cell, findings, lambda: machine.now)
@@ -100,11 +105,6 @@ class Stack:
     def life(self) -> Life | None:
         """The running daemon; None if there is none."""
         return self.lives[-1] if self.lives and self.lives[-1].process.alive else None
-
-    @property
-    def ticks(self) -> int:
-        """Number of ticks that daemons have processed."""
-        return sum(life.checks.ticks for life in self.lives)
 
     # --- the daemon -----------------------------------------------------------------------------------------
 
@@ -179,6 +179,7 @@ class Stack:
         return self._server_log.events.get("daemon", 0) if self._server_log is not None else 0
 
     def _seen(self, event: e.GateEvent, outputs: list[e.GateOutput]) -> None:
+        self.ticks += isinstance(event, e.Tick)
         self.lives[-1].events.append((self._machine.now, event))
         self._machine.trace("gate", *map(brief, (event, *outputs)))
 
@@ -203,6 +204,17 @@ class Stack:
         self.end_daemon(kill=True)
         self.end_server(kill=True)
         self._disk.power_failure()
+
+    @property
+    def robots_held(self) -> bool:
+        """True if a daemon is connected to the robot server, and the link of a robot is ready."""
+        life = self.life
+        if life is None or not life.checks.ready:
+            return False
+        pipes = [
+            sock for sock in life.process.sockets.values() if getattr(sock, "family", 0) == socket.AF_UNIX
+        ]
+        return any(sock.peer is not None and sock.usable and sock.peer.usable for sock in pipes)
 
     # --- the robot server -----------------------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ of its content. Messages are in the order of the events.
 """
 
 import json
+from functools import lru_cache
 from typing import Any
 
 from pydantic import TypeAdapter
@@ -49,6 +50,7 @@ def all_topics(header: Header) -> list[str]:
     return [RUN, *(f"/gate/{kind}" for kind in EVENTS), STATE, *robots, LOG, GAP, CHAIN]
 
 
+@lru_cache(256)
 def schema_of(topic: str) -> tuple[str, bytes]:
     """Return name and JSON Schema of the messages on a topic."""
     name, schema = _schema_of(topic)

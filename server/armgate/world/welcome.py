@@ -10,6 +10,9 @@ from armgate.world.description import BODY_EXACT, SESSIONS, STOP_REPLACES
 from armgate.world.interfaces import Client
 from armgate.world.to_protocol import answer
 
+_SOFTWARE = f"armgate {version('armgate')}"
+"""Read once: it is a file on the disk, and every client that connects gets it."""
+
 
 class Greeter:
     """Factory of the welcomes of one cell.
@@ -55,5 +58,5 @@ class Greeter:
             role=client.role,
             lockstep=self._lockstep,
             limits=self._limits,
-            software=f"armgate {version('armgate')}",
+            software=_SOFTWARE,
         )

@@ -1,19 +1,21 @@
-"""Behaviours of simulated clients: controllers, operators, observers and malicious ones."""
+"""Behaviours of simulated clients: controllers, operators and observers."""
 
 import asyncio
 import contextlib
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from armgate import client as sdk
 from armgate.client import aio
-from armgate.protocol import VERSIONS, encode
+from armgate.protocol import VERSIONS
 from armgate.protocol import messages as m
 from tools.simulate.clients.wire import Wire
 from tools.simulate.findings import Findings
 
 ADDRESS = ("127.0.0.1", 7411)
+_LONG_STEP = 0.2
+"""Time after which a participant ends a step for which it has sent nothing more, s."""
 
 
 @dataclass
@@ -24,8 +26,13 @@ class Setting:
         findings: Receives violations.
         lockstep: True if the daemon runs in lock-step.
         steps: Largest increment of each robot's joints, rad.
+        cell: Hash of the cell.
+        robots: Address of the robot server.
+        robots_held: Returns True if a daemon is connected to the robot server, and its links are ready.
+        pace: Factor of the pauses of clients: their acts per tick depend little on the period.
         tokens: Secrets by the name of the client; empty without login.
         holders: Latest lease of each robot that a raw client was granted, and its connection.
+        fences: Latest fence of each robot that any client was granted.
         over: True once clients must end.
         calm: True once clients do nothing unusual any more.
     """
@@ -33,9 +40,13 @@ class Setting:
     findings: Findings
     lockstep: bool
     steps: dict[str, Sequence[float]]
-    periods: dict[str, float]
+    cell: str
+    robots: str
+    robots_held: Callable[[], bool]
+    pace: float
     tokens: dict[str, str] = field(default_factory=dict)
     holders: dict[str, tuple[int, Wire]] = field(default_factory=dict)
+    fences: dict[str, int] = field(default_factory=dict)
     over: bool = False
     calm: bool = False
 
@@ -102,7 +113,7 @@ class RawClient:
     async def live(self) -> None:
         """Act until the connection ends."""
         while self.wire.open and not self.setting.over:
-            await asyncio.sleep(self.rng.uniform(*self.pause))
+            await asyncio.sleep(self.setting.pace * self.rng.uniform(*self.pause))
             if self.wire.open and self.ready:
                 self.act()
 
@@ -116,6 +127,7 @@ class RawClient:
 
     def _granted(self, wire: Wire, lease: m.Lease) -> None:
         self.setting.holders[lease.robot] = lease.fence, wire
+        self.setting.fences[lease.robot] = lease.fence
 
     def _take(self, message: m.Message) -> None:
         if isinstance(message, m.Welcome):
@@ -144,6 +156,13 @@ class RawClient:
         """Return the stops in force, as the latest states show them."""
         entries = [entry for state in self.wire.states.values() for entry in state.entries]
         return sorted({stop for entry in entries for stop in entry.stops or ()})
+
+    def steal(self) -> None:
+        """Command a robot with the current fence of its holder, which is another client most likely."""
+        robot = self.any_robot()
+        if robot in self.setting.fences:
+            state = self.wire.states.get(robot)
+            self.command(robot, self.setting.fences[robot], 0 if state is None else state.tick)
 
     def any_robot(self) -> str:
         """Return a robot."""
@@ -174,7 +193,7 @@ class Controller(RawClient):
             robot = self.rng.choice(list(self.wire.held))
             self.wire.ask(m.Release(robot=robot, fence=self.wire.held[robot]))
         elif roll < 0.33:
-            self._wrong()
+            self.rng.choice((self._wrong, self._wrong, self.steal))()
         elif roll < 0.333:
             self._quiet_until = asyncio.get_running_loop().time() + self.rng.uniform(0.5, 2.0)
         elif roll < 0.34:
@@ -207,10 +226,6 @@ class Controller(RawClient):
         state = self.wire.states.get(robot)
         tick = 0 if state is None else state.tick
         fence = self.wire.held.get(robot, self.rng.randint(0, 5))
-        if robot in self.setting.holders and self.rng.random() < 0.3:
-            fence, _ = self.setting.holders[robot]  # of another client, most likely
-            self.command(robot, fence, tick)
-            return
         match self.rng.randrange(6):
             case 0:
                 self.command(robot, max(0, fence - 1), tick)
@@ -241,13 +256,23 @@ class Participant(Controller):
     def welcomed(self) -> None:
         """Subscribe to all states."""
         self.wire.ask(m.Subscribe(every=1))
-        self._step = -1
+        self._step, self._since = -1, asyncio.get_running_loop().time()
+
+    def act(self) -> None:
+        """End a step that takes long: the participant may have lost its robots, or not have got its states."""
+        if self._step >= 0 and asyncio.get_running_loop().time() > self._since + _LONG_STEP:
+            self._since = asyncio.get_running_loop().time()
+            self.wire.send(m.Pass(step=self._step))
+            self.wire.ask(m.Subscribe(every=1))
+        super().act()
 
     def take(self, message: m.Message) -> None:
         """Command the robots that ticked; a participant that holds no robot, or skips a tick, passes."""
         if not isinstance(message, m.State) or message.step is None:
             return
-        first, self._step = message.step > self._step, message.step
+        first, self._step = message.step > self._step, max(message.step, self._step)
+        if first:
+            self._since = asyncio.get_running_loop().time()
         robot = message.robot
         if robot in self.wire.held and self.rng.random() < 0.95:
             self.command(robot, self.wire.held[robot], message.tick)
@@ -280,7 +305,7 @@ class Operator(RawClient):
         elif roll < 0.905:
             self.wire.ask(m.Kick(session=f"s{self.rng.randint(1, 30)}"))
         elif roll < 0.93:
-            self.wire.ask(m.Describe())
+            self.rng.choice((lambda: self.wire.ask(m.Describe()), self.steal, self.steal))()
         elif self.wire.held and roll < 0.96:
             robot = self.rng.choice(list(self.wire.held))
             self.wire.ask(m.Release(robot=robot, fence=self.wire.held[robot]))
@@ -305,6 +330,8 @@ class Observer(RawClient):
             self.ping()
         elif roll < 0.85:
             self.wire.ask(m.Acquire(robot=self.any_robot()))
+        elif roll < 0.9:
+            self.steal()
 
 
 class Probe(RawClient):
@@ -338,65 +365,6 @@ class Probe(RawClient):
             self.accepted[message.robot] += 1
 
 
-class Vandal(RawClient):
-    """Malicious client: wrong bytes, floods, half messages, connections without a hello."""
-
-    pause = (0.0, 0.3)
-
-    def greet(self) -> None:
-        """Send hello, or not."""
-        if self.rng.random() < 0.7:
-            super().greet()
-
-    @property
-    def ready(self) -> bool:
-        """True: this client does not wait for a welcome."""
-        return True
-
-    async def live(self) -> None:
-        """Act until the connection ends; while all is calm, be gone."""
-        if not self.setting.calm:
-            await super().live()
-        else:
-            await asyncio.sleep(0.5)
-
-    def act(self) -> None:
-        """Do harm."""
-        if self.setting.calm:
-            self.wire.abort()
-            return
-        message = m.Command(
-            robot=self.any_robot(), fence=self.rng.randint(0, 9), seq=self._seq, tick=0, dq=(0.1, 0.1)
-        )
-        match self.rng.randrange(6):
-            case 0:
-                self.wire.mangle(self.rng.randbytes(self.rng.randint(1, 200)))
-            case 1:
-                data = encode(message)
-                self.wire.mangle(data[: self.rng.randint(1, len(data))])
-            case 2 | 3 | 4:
-                self._flood(message)
-            case _:
-                self.rng.choice((self.wire.abort, self.wire.close))()
-
-    def _flood(self, message: m.Command) -> None:
-        """Send many messages at once."""
-        match self.rng.randrange(4):
-            case 0:
-                for _ in range(self.rng.randint(10, 400)):
-                    self.command(message.robot, message.fence, 0, (0.01, 0.01))
-            case 1:
-                self.wire.pause()
-                for _ in range(self.rng.randint(1, 40)):
-                    self.wire.ask(m.Describe())
-            case 2:
-                for _ in range(self.rng.randint(1, 20)):
-                    self.wire.ask(m.Stop(robot=message.robot, reason="x" * self.rng.randint(0, 300)))
-            case _:
-                for _ in range(self.rng.randint(1, 80)):
-                    self.wire.ask(m.Signal(name=f"v{self.rng.randint(0, 90)}", value=(1.0,)))
-
-
 class SdkClient:
     """Controller or observer that uses the SDK's asyncio client as a program does."""
 
@@ -418,6 +386,7 @@ class SdkClient:
             robot = self.rng.choice(list(self.setting.steps))
             walk = Walk(self.rng, self.setting.steps[robot])
             async with await cell.acquire(robot) as held:
+                self.setting.fences[robot] = held.lease.fence
                 left = self.rng.randint(5, 300)
                 async for _tick in held.ticks():
                     left -= 1

@@ -1,4 +1,4 @@
-"""Simulated disk for recordings: it may be slow, full, or fail to sync, and a power failure tears files.
+"""Simulated disk for recordings: it may be slow, full, or fail, and a power failure tears files.
 
 What is written survives the death of the process. After a power failure, a file holds what was synced and a
 random part of the rest.
@@ -44,6 +44,8 @@ class Disk:
         slow_until: Time until which each write is slow, ns.
         slow_ns: Time of a slow write, ns.
         sync_fails: True if syncing fails.
+        write_fails: True if writing fails.
+        create_fails: True if no file can be created.
         late_ns: Time that writes have taken and that no process has waited for yet, ns.
     """
 
@@ -52,13 +54,15 @@ class Disk:
         self.files: dict[Path, File] = {}
         self.room = 1 << 40
         self.slow_until = self.slow_ns = self.late_ns = 0
-        self.sync_fails = False
+        self.sync_fails = self.write_fails = self.create_fails = False
         self._open: dict[int, File] = {}
         self._number = 0
         self._calls = DiskCalls(self._write, self._sync, self._truncate, self._close)
 
     def create(self, path: Path, header: Header, signer: Signer | None = None) -> RecordFile:
         """Create the file of a recording; the `create` of a recorder."""
+        if self.create_fails:
+            raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
         if path in self.files:
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST))
         self._number += 1
@@ -66,28 +70,35 @@ class Disk:
         return RecordFile(path, self._number, header, self._calls, signer)
 
     def clear(self) -> None:
-        """Make room, and let writing and syncing succeed at once again."""
-        self.room, self.sync_fails = 1 << 40, False
-        self.slow_until = self.late_ns = 0
+        """Make room, and let everything succeed at once again."""
+        self.heal()
+        self.late_ns = 0
+
+    def heal(self) -> None:
+        """Make room, and end all faults; writes that are late stay late."""
+        self.room, self.slow_until = 1 << 40, 0
+        self.sync_fails = self.write_fails = self.create_fails = False
 
     def power_failure(self) -> None:
         """Keep what was synced, and a random part of the rest, in which a block may be missing."""
         for file in self.files.values():
             kept = self._random.randint(file.synced, len(file.data))
             del file.data[kept:]
-            if kept > file.synced and self._random.random() < 0.5:
+            if kept > file.synced and self._random.random() < 0.8:
                 self._damage(file.data, self._random.randint(file.synced, kept - 1))
             file.synced = kept
 
     def _damage(self, data: bytearray, at: int) -> None:
         """Let a block be missing, or one byte be another one."""
-        if self._random.random() < 0.5:
+        if self._random.random() < 0.3:
             length = min(_BLOCK, len(data) - at)
             data[at : at + length] = bytes(length)
         else:
             data[at] ^= 1 << self._random.randrange(8)
 
     def _write(self, descriptor: int, data: bytes) -> int:
+        if self.write_fails:
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
         if self.room <= 0:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         count = min(len(data), self.room)

@@ -122,6 +122,7 @@ class Machine:
         processes: Processes that are alive.
         turns: Number of turns so far.
         problems: Exceptions that no code has handled.
+        day_ns: Time of day at the time 0 of the machine, ns; a step of the clock changes it.
     """
 
     def __init__(self, seed: str, *, keep: bool = False) -> None:
@@ -129,7 +130,7 @@ class Machine:
         self.now = 1_000_000_000 * self._random.randint(10, 10_000)
         self.processes: list[Process] = []
         self.current: Process | None = None
-        self.turns = 0
+        self.turns, self.day_ns = 0, _EPOCH
         self.problems: list[str] = []
         self.lines: deque[str] = deque(maxlen=None if keep else _KEPT)
         self._events: list[tuple[int, int, Callable[[], None]]] = []
@@ -146,7 +147,7 @@ class Machine:
 
     def epoch_ns(self) -> int:
         """Return the time of day, ns since 1970."""
-        return _EPOCH + self.now
+        return self.day_ns + self.now
 
     def processor_ns(self) -> int:
         """Return the used processor time, ns; every call uses some, in some turns much."""
@@ -189,6 +190,13 @@ class Machine:
 
     def run(self, until: int, done: Callable[[], bool] = lambda: False) -> None:
         """Run until a time, or until ``done`` returns True."""
+        hooks = sys.get_asyncgen_hooks()
+        try:
+            self._run(until, done)
+        finally:
+            sys.set_asyncgen_hooks(*hooks)
+
+    def _run(self, until: int, done: Callable[[], bool]) -> None:
         while not done():
             due = self._events[0][0] if self._events else NEVER
             ready = self._ready(due)
@@ -224,12 +232,10 @@ class Machine:
 
     @contextlib.contextmanager
     def inside(self, process: Process) -> Iterator[None]:
-        """Run code of a process."""
+        """Run code of a process, outside of its turns."""
         before, hooks = self.current, sys.get_asyncgen_hooks()
         running = asyncio._get_running_loop()
-        self.current = process
-        asyncio._set_running_loop(process.loop)
-        sys.set_asyncgen_hooks(*process.loop.hooks)
+        self._enter(process)
         try:
             yield
         finally:
@@ -238,11 +244,19 @@ class Machine:
             asyncio._set_running_loop(running)
             sys.set_asyncgen_hooks(*hooks)
 
+    def _enter(self, process: Process) -> None:
+        self.current = process
+        asyncio._set_running_loop(process.loop)
+        sys.set_asyncgen_hooks(*process.loop.hooks)
+
     def _ready(self, before: int) -> Process | None:
         """Return a process whose turn comes first, if that is before an event."""
-        best, found = before, []
+        best, found, now = before, [], self.now
         for process in self.processes:
-            wake = max(process.wake(), self.now)
+            wake = process.next_wake
+            if wake is None:
+                wake = process.wake()
+            wake = max(wake, now)
             if wake < best:
                 best, found = wake, [process]
             elif wake == best and wake < before:
@@ -255,8 +269,10 @@ class Machine:
         self.now = max(self.now, process.wake())
         self.turns += 1
         self._call_ns = 1_000 if self._random.random() < 0.98 else 300_000
-        with self.inside(process):
-            process.loop.turn()
+        self._enter(process)
+        process.loop.turn()
+        self.current = None
+        asyncio._set_running_loop(None)
         process.exit_if_over()
         process.busy_until = max(process.busy_until, self.now + self._random.randint(*_TURN_NS))
         process.next_wake = None

@@ -86,10 +86,10 @@ class Network:
         """Return the route between two hosts."""
         return self.routes.setdefault((source, target), Route())
 
-    def block(self, host: str, until: int) -> None:
-        """Let nothing pass between a host and the others until a time, ns."""
+    def block(self, host: str, until: int, *, inward: bool = True, outward: bool = True) -> None:
+        """Let nothing pass to (``inward``) or from (``outward``) a host until a time, ns."""
         for (source, target), route in self.routes.items():
-            if host in (source, target) and source != target:
+            if source != target and ((inward and host == target) or (outward and host == source)):
                 route.blocked_until = max(route.blocked_until, until)
 
     def blocked(self, source: str, target: str) -> bool:

@@ -210,6 +210,11 @@ class SimulatedSocket:
         """The other end of the connection."""
         return None if self._out is None else self._out.target
 
+    @property
+    def usable(self) -> bool:
+        """True unless the socket was closed or its connection broken, or closing has begun."""
+        return not (self.closed or self._failure or (self._out is not None and self._out.ending))
+
     def changed(self) -> None:
         """Let the selector look at this socket again."""
         if not self.closed:
