@@ -14,6 +14,8 @@ from tools.simulate.shrink import shrunk
 
 _SHOWN = 5
 _LINES = 40
+_PROGRESS = 15.0
+"""Time between two lines of progress, s."""
 
 
 def main() -> int:
@@ -25,11 +27,9 @@ def main() -> int:
     prepare()
     seeds = [given.seed] if given.seed is not None else range(given.first, given.first + given.seeds)
     without = frozenset(int(number) for number in given.without.split(",") if number)
-    failed = steps = 0
-    begin = time.monotonic()
+    progress = Progress(len(seeds), show=given.seed is None and not given.bug)
     for result in _results(seeds, given.steps, without, given.jobs, given.trace):
-        steps += result.steps
-        failed += bool(result.violations)
+        progress.add(result)
         if result.violations or given.seed is not None or given.verbose:
             _show(result, given.trace)
         if result.violations and given.bug:
@@ -37,9 +37,45 @@ def main() -> int:
             return 1
         if result.violations:
             _explain(result, given.steps, without, shrink=not given.trace)
-    seconds = time.monotonic() - begin
-    print(f"{len(seeds)} seeds, {steps} steps, {failed} seeds with violations, {seconds:.1f} s")
-    return 1 if failed else 0
+    print(progress.line)
+    for seed in progress.failed:
+        print(f"  replay: {_replay(seed, given.steps, without)}")
+    return 1 if progress.failed else 0
+
+
+class Progress:
+    """Progress of a series of simulations, printed every ``_PROGRESS`` seconds.
+
+    Args:
+        seeds: Number of seeds.
+        show: False to print nothing before the end.
+
+    Attributes:
+        failed: Seeds that violate an invariant.
+    """
+
+    def __init__(self, seeds: int, *, show: bool) -> None:
+        self._seeds, self._show = seeds, show
+        self._done = self._steps = 0
+        self._begin = self._shown = time.monotonic()
+        self.failed: list[int] = []
+
+    def add(self, result: Result) -> None:
+        """Count a simulation."""
+        self._done += 1
+        self._steps += result.steps
+        if result.violations:
+            self.failed.append(result.seed)
+        if self._show and self._done < self._seeds and time.monotonic() > self._shown + _PROGRESS:
+            self._shown = time.monotonic()
+            print(f"{self._done} of {self.line}", flush=True)
+
+    @property
+    def line(self) -> str:
+        """Line with the figures so far."""
+        seconds = time.monotonic() - self._begin
+        violations = f"{len(self.failed)} seeds with violations"
+        return f"{self._seeds} seeds, {self._steps} steps, {violations}, {seconds:.1f} s"
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -69,8 +105,15 @@ def _results(
 
 
 def simulate(seed: int, steps: int, without: frozenset[int] = frozenset(), keep: bool = False) -> Result:
-    """Run one seed."""
-    return Simulation(seed, steps, without, keep=keep).run()
+    """Run one seed.
+
+    Raises:
+        RuntimeError: The simulation itself has failed.
+    """
+    try:
+        return Simulation(seed, steps, without, keep=keep).run()
+    except Exception as error:
+        raise RuntimeError(f"the simulation of seed {seed} has failed: {error!r}") from error
 
 
 def _show(result: Result, trace: bool) -> None:
@@ -84,6 +127,7 @@ def _explain(result: Result, steps: int, without: frozenset[int], *, shrink: boo
     """Print violations, the last lines of the trace, the schedule and the command that repeats the seed."""
     for text in result.violations[:_SHOWN]:
         print(f"  violated: {text[:1000]}")
+    print(f"  replay: {_replay(result.seed, steps, without)}", flush=True)
     if shrink:
         without = shrunk(result, steps, without)
     for number, fault in enumerate(result.schedule):
@@ -91,5 +135,11 @@ def _explain(result: Result, steps: int, without: frozenset[int], *, shrink: boo
     print("  faults marked * are needed; the end of the trace:")
     for line in result.trace[-_LINES:]:
         print(f"    {line[:200]}")
+    if shrink:
+        print(f"  with the needed faults only: {_replay(result.seed, steps, without)}", flush=True)
+
+
+def _replay(seed: int, steps: int, without: frozenset[int]) -> str:
+    """Return the command that repeats a seed."""
     left_out = f" --without {','.join(map(str, sorted(without)))}" if without else ""
-    print(f"  repeat: python -m tools.simulate --seed {result.seed} --steps {steps}{left_out} --trace")
+    return f'make simulate ARGS="--seed {seed} --steps {steps}{left_out} --trace"'

@@ -259,7 +259,7 @@ class Participant(Controller):
         self._step, self._since = -1, asyncio.get_running_loop().time()
 
     def act(self) -> None:
-        """End a step that takes long: the participant may have lost its robots, or not have got its states."""
+        """End a step that takes long: the participant may have lost its robots, or have missed states."""
         if self._step >= 0 and asyncio.get_running_loop().time() > self._since + _LONG_STEP:
             self._since = asyncio.get_running_loop().time()
             self.wire.send(m.Pass(step=self._step))

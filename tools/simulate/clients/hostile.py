@@ -69,6 +69,7 @@ class Vandal(RawClient):
             m.Hello(name=self.name, versions=VERSIONS),
         ]
         self.wire.ask(self.rng.choice(requests))
+        self.ping()
         if number < 5:
             self.wire.send(m.Pass(step=number))
         elif number < 8:

@@ -57,7 +57,7 @@ class Wire(asyncio.Protocol):
         self._commands: dict[str, deque[int]] = {}
         self._fence_of: dict[int, int] = {}
         self._pings: dict[float, int] = {}
-        self._newest = -1
+        self._newest = self._arrived = -1
         self._transport: Any = None
         self._ids = 0
         self._asked: dict[int, str] = {}
@@ -228,7 +228,7 @@ class Wire(asyncio.Protocol):
                 self._check(state.tick == before.tick + every, "states are complete", gap)
         self.states[state.robot] = state
         if state.step is not None:
-            self._expected[state.step] = self._newest
+            self._expected[state.step] = self._arrived
             if (newest := self._expected.pop(state.step - _STEPS, None)) is not None:
                 self._check_answered(newest, ("step", state.step))
 
@@ -260,13 +260,15 @@ class Wire(asyncio.Protocol):
         self.stops[stopped.stop] = stopped
 
     def _pong(self, pong: m.Pong) -> None:
-        """By the wall clock, all commands before a ping have their verdicts when its pong arrives."""
+        """All commands before a ping arrive before its pong; by the wall clock, they have verdicts, too."""
         if self.mangled:
             return
         newest = self._pings.pop(pong.time, None)
         self._check(newest is not None, "one pong per ping", pong)
-        if newest is not None and not self._lockstep:
-            self._check_answered(newest, pong)
+        if newest is not None:
+            self._arrived = max(newest, self._arrived)
+        if not self._lockstep:
+            self._check_answered(self._arrived, pong)
 
     def _check_answered(self, newest: int, seen: object) -> None:
         """Check that all commands up to a number have their verdicts."""
