@@ -1,6 +1,7 @@
 """Command line of the simulation."""
 
 import argparse
+import gc
 import logging
 import multiprocessing
 import time
@@ -25,6 +26,7 @@ def main() -> int:
         return find_all(given.seeds, given.jobs)
     logging.getLogger("asyncio").disabled = True  # clients write to connections that are lost
     prepare()
+    gc.freeze()  # simulations collect their own garbage only
     seeds = [given.seed] if given.seed is not None else range(given.first, given.first + given.seeds)
     without = frozenset(int(number) for number in given.without.split(",") if number)
     progress = Progress(len(seeds), show=given.seed is None and not given.bug)

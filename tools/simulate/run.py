@@ -207,6 +207,7 @@ class Simulation:
                 self._run()
         finally:
             self._machine.clear()
+            gc.collect()
             if collecting:
                 gc.enable()
         self._check_recordings()

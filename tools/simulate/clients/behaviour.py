@@ -194,8 +194,8 @@ class Controller(RawClient):
             self.wire.ask(m.Release(robot=robot, fence=self.wire.held[robot]))
         elif roll < 0.33:
             self.rng.choice((self._wrong, self._wrong, self.steal))()
-        elif roll < 0.333:
-            self._quiet_until = asyncio.get_running_loop().time() + self.rng.uniform(0.5, 2.0)
+        elif roll < 0.336:
+            self._quiet_until = asyncio.get_running_loop().time() + self.rng.uniform(0.5, 3.0)
         elif roll < 0.34:
             self.rng.choice((self.wire.pause, self.wire.resume, self.wire.resume))()
             self._blindly()
