@@ -138,7 +138,7 @@ def test_chase_with_limits_acceleration_and_kept_view(pair, fr, bounds, emergenc
             for law in pair
         )
         assert (ours.steps, ours.ended, ours.bounded) == (reference.steps, reference.ended, reference.bounded)
-        np.testing.assert_allclose(ours.dq, reference.dq, rtol=0.0, atol=1e-10)
+        np.testing.assert_allclose(ours.dq, reference.dq, rtol=0.0, atol=1e-12)
         kinds.add((ours.ended, ours.bounded, room[0].admits(motion.last, motion.setpoint)))
     assert len(kinds) >= 3
 

@@ -51,7 +51,7 @@ def leader_of(model: RobotModel, tool: str, floor: float | None) -> Leader:
 
 @cache
 def prepare() -> None:
-    """Compile all kernels, or load them from numba's cache: about 20 s the first time, then about 1 s.
+    """Compile all kernels, or load them from numba's cache: about 30 s the first time, then about 1 s.
 
     Call it before the first increment is due; the constructor of `CompiledLaw` calls it. It does nothing
     if numba is not installed.

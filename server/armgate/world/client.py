@@ -96,6 +96,9 @@ class WorldClient:
     def take(self, model: type[m.Message] = m.Message) -> Sequence[m.Message]:
         """Remove and return the received messages of a model, in order; by default all."""
         received = self._mailbox.received
+        if model is m.Message:
+            self._mailbox.received = []
+            return received
         found = [message for message in received if isinstance(message, model)]
         self._mailbox.received = [message for message in received if not isinstance(message, model)]
         return found

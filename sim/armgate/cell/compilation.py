@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-NOTICE = "compiling kernels, once after installation (about 20 s)"
+NOTICE = "compiling kernels, once after installation (about 30 s)"
 
 
 def available() -> bool:

@@ -102,7 +102,8 @@ class FollowLoop:
     def step(self, tick: Tick) -> "FollowOutput":
         """Return the output for a tick."""
         own, entry = tick.entry(self.robot.name), tick.entry(self.leader.name)
-        q, setpoint = np.array(tick.q), np.array(tick.setpoint)
+        measured = tick.q
+        q, setpoint = np.array(measured), np.array(tick.setpoint)
         played = self._last.update(tick.tick, setpoint)
         distance = self._distance(tick)
         tool, obstacles = self.aimed.at(None if entry.q is None else np.array(entry.q))
@@ -119,7 +120,7 @@ class FollowLoop:
             stop_end=np.array(own.stop_end) if own.stop_end else None,
             near=self.proximity.pairs(own, entry),
         )
-        near = any(not low <= at <= high for at, (low, high) in zip(tick.q, self._inner, strict=True))
+        near = any(not low <= at <= high for at, (low, high) in zip(measured, self._inner, strict=True))
         shown = None if self.options.focus is None else tool
         return FollowOutput(self.follower.step(now), played, distance, focus, near, shown)
 
