@@ -277,4 +277,5 @@ def test_constants_of_the_kernels_are_those_of_the_readable_form():
     from armgate.gate.clearance import certificate, engines, kernels
 
     assert kernels._GAP == certificate.GAP
-    assert kernels._TOUCHING == engines._TOUCHING
+    assert kernels._TIGHT == certificate.TIGHT
+    assert kernels._TOUCHING == engines.TOUCHING

@@ -4,12 +4,15 @@ Only lb = −h_B(−n) − h_A(n) is trusted. If it differs from coal's distance
 queried too, and the larger bound is used; ``gaps`` is the number of such differences.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 from armgate.cell.cell import Cell
 from armgate.events import Point
-from armgate.gate.clearance.engines import CoalEngine, Engine, FclEngine
+from armgate.gate.clearance.engines import TOUCHING, CoalEngine, Engine, FclEngine
 from armgate.gate.clearance.pair_groups import ChainGroup, Group
 from armgate.gate.clearance.penetration import best_candidate_direction, rotated_direction
 from armgate.gate.clearance.support import Cornered, Rows, support_of_one
@@ -17,6 +20,9 @@ from armgate.gate.clearance.swept import Array, Swept
 
 GAP = 1e-4
 """Difference between bound and engine distance above which the second engine is queried, m."""
+
+TIGHT = 1e-6
+"""Largest difference between the bound and the distance of kept witness points without an engine query, m."""
 
 _GAIN = 1e-9
 """Smallest increase of the bound for which another direction replaces the engine's, m; above rounding."""
@@ -65,14 +71,28 @@ class Certifier:
         For a group of one chain ``theirs`` is the same as ``mine``.
         """
         self.queries += 1
-        a = _Posed(int(group.shape_mine[k]), group.rows_mine[k], *mine.pose(at[0], int(group.mine[k])))
-        b = _Posed(
-            int(group.shape_theirs[k]), group.rows_theirs[k], *theirs.pose(at[1], int(group.theirs[k]))
-        )
+        a, b = _posed(group, k, mine, theirs, at)
         n, lb, points = self._best(a, b)
-        if isinstance(group, ChainGroup):
-            n = n @ a.R
-        return Certificate(n, lb, points)
+        return Certificate(n @ a.R if isinstance(group, ChainGroup) else n, lb, points)
+
+    def recall(
+        self, group: Group, k: int, mine: Swept, theirs: Swept, witnesses: Sequence[Array]
+    ) -> Certificate | None:
+        """Return the bound along the line between two points, without a query; None if it is not tight.
+
+        ``witnesses`` are a point of each body, in the frame of the body. The other arguments are those of
+        `prove`, with both sides at their first nodes.
+        """
+        a, b = _posed(group, k, mine, theirs, (0, 0))
+        p, q = a.R @ witnesses[0] + a.t, b.R @ witnesses[1] + b.t
+        distance = float(np.linalg.norm(q - p))
+        if not distance > TOUCHING:
+            return None
+        n = (q - p) / distance
+        lb = _slab(a, b, n)
+        if not (lb >= 0.0 and abs(distance - lb) <= TIGHT):
+            return None
+        return Certificate(n @ a.R if isinstance(group, ChainGroup) else n, lb, (point(p), point(q)))
 
     def _best(self, a: "_Posed", b: "_Posed") -> tuple[Array, float, tuple[Point, Point]]:
         suggestion = self.first.suggest(a.shape, (a.R, a.t), b.shape, (b.R, b.t))
@@ -99,6 +119,14 @@ class _Posed(NamedTuple):
     row: Rows
     R: Array
     t: Array
+
+
+def _posed(group: Group, k: int, mine: Swept, theirs: Swept, at: tuple[int, int]) -> tuple[_Posed, _Posed]:
+    """Return both bodies of a pair, with the two sides at the nodes ``at``."""
+    return (
+        _Posed(int(group.shape_mine[k]), group.rows_mine[k], *mine.pose(at[0], int(group.mine[k]))),
+        _Posed(int(group.shape_theirs[k]), group.rows_theirs[k], *theirs.pose(at[1], int(group.theirs[k]))),
+    )
 
 
 def _overlap(a: _Posed, b: _Posed, n: Array, lb: float, claimed: float) -> tuple[Array, float]:

@@ -142,13 +142,14 @@ def prepare() -> None:
     places, point = np.zeros(1, np.intp), np.zeros(3)
     k.follow(cell, 0, (one, one), (places, two), one, (R[0], t[0]))
     k.lower(two, one, one, one, one, places)
-    tight = np.zeros(1, np.bool_)
-    k.stale(one, places, tight)
-    k.begin(one, places, places, (one, tight))
-    k.end(one, places, places, one, 0, places)
-    found, search = (0.0, point, point, point), (one, tight, one, places, 0)
-    k.certify(cell, (R[0], t[0], one), (0, 0, False, False), found, point, search)
-    for compiled in (k.place, k.hold, k.slabs, k.lower, k.follow, k.stale, k.begin, k.end, k.certify):
+    poses, search = (R[0], t[0]), (one, np.zeros(1, np.bool_), one, places)
+    pairs, kept = (own[0], places, one, 0), (np.zeros((1, 3)), np.full((1, 2, 3), np.nan))
+    found = (one, np.zeros(2, np.intp), two[0], np.zeros(2, np.bool_), np.zeros((2, 6)))
+    arguments = ((cell, poses), pairs, kept, search, found)
+    for search_kernel in (k.begin, k.recall, k.end):
+        search_kernel(*arguments)
+    k.certify(*arguments, (0, one, 0.0, point, point, point))
+    for compiled in (k.place, k.hold, k.slabs, k.lower, k.follow, k.begin, k.recall, k.certify, k.end):
         compiled.disable_compile()
 
 

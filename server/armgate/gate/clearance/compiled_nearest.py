@@ -1,22 +1,23 @@
 """Compiled form of the nearest pairs, for installations with numba (extra `fast`).
 
-Kernels lower the margins, find the lowest ones, and prove the bound of a pair by the direction that coal
-suggests. Everything else, such as overlapping bodies and the second engine, is done by the readable form.
+Kernels lower the margins, find the lowest ones, and prove the bound of a pair by its witness points or by the
+direction that coal suggests. Everything else, such as overlapping bodies and the second engine, is done by
+the readable form.
 """
 
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from armgate.events import Joints
-from armgate.gate.clearance.certificate import point
 from armgate.gate.clearance.clearance import Clearance
-from armgate.gate.clearance.compiled import CompiledPrefilter, kernels
+from armgate.gate.clearance.compiled import CompiledPrefilter, Records, kernels
 from armgate.gate.clearance.engines import radii_of
 from armgate.gate.clearance.nearest_pairs import FEW, MANY, REFRESHES, NearestPairs, Points, first
 from armgate.gate.clearance.prefilter import RobotPairs
-from armgate.gate.clearance.swept import Swept
+from armgate.gate.clearance.swept import Array, Index, Swept
 
 
 def nearest_pairs_of(clearance: Clearance) -> NearestPairs:
@@ -34,14 +35,22 @@ class CompiledNearestPairs(NearestPairs):
         self._prefilter = prefilter
         cell, static = clearance.cell, clearance.space.static
         self._radii = np.array(radii_of([body.shape for body in cell.bodies]))
-        self._pairs = [_bodies(own) for own in prefilter.pairs]
+        self._own = [_numbers(own, prefilter.own[i][0]) for i, own in enumerate(prefilter.pairs)]
+        self._bodies = [
+            list(zip(own.mine.tolist(), own.theirs.tolist(), strict=True)) for own in prefilter.pairs
+        ]
+        self._ids: list[list[int]] = [ids.tolist() for ids in clearance.pairs_of]
         # Placements of all bodies of the cell at the measured positions.
         self._poses = static.R[0].copy(), static.t[0].copy()
         self._q = [np.zeros(robot.model.n) for robot in cell.robots]
         self._views = list(zip(*self._poses, strict=True))
-        sizes = [len(ids) for ids in clearance.pairs_of]
-        self._searches = [(np.empty(size), np.zeros(size, np.bool_)) for size in sizes]
-        """Margins of each robot's pairs during a search, and marks of those that were measured."""
+        # Margins of each robot's pairs during a search, and marks of those that were measured; limits.
+        self._searches = [
+            (np.empty(len(limits)), np.zeros(len(limits), np.bool_), limits, others)
+            for limits, others in zip(clearance.limits_of, self._others, strict=True)
+        ]
+
+        self._result = _result(0)
 
     def _move(self, robot: int, q: Joints, last: Joints | None) -> None:
         now = np.array(q)
@@ -56,40 +65,44 @@ class CompiledNearestPairs(NearestPairs):
         return space.sweep_nodes(robot, q[None, :], np.zeros(len(q)))
 
     def _search(self, robot: int, count: int) -> Iterable[tuple[int, float, Points | None]]:
-        ids, others, k = self._clearance.pairs_of[robot], self._others[robot], kernels()
-        margin, tight = self._searches[robot]
-        points: dict[int, Points] = {}
-        place = k.begin(self._margin, ids, others, (margin, tight))
+        arguments = self._arguments(robot, count)
+        margin = self._searches[robot][0]
+        place, number = kernels().begin(*arguments)
         for query in range(1, REFRESHES + 1):
             if place < 0:
                 break
             if query % FEW == 0:
                 self._measure(robot, first(margin, MANY), margin)
-                place = k.stale(margin, others, tight)
+                place, number = kernels().recall(*arguments)
             else:
-                points[place], place = self._certify(robot, place)
-        places = np.empty(count + 2, np.intp)
-        found = k.end(self._margin, ids, others, margin, count, places)
-        shown = places[:found].tolist()
-        return [(self._pairs[robot][at][0], float(margin[at]), points.get(at)) for at in shown]
+                place, number = self._certify(robot, place, arguments)
+        if place >= 0:
+            number = kernels().end(*arguments)
+        places, margins, measured, points = [column[:number].tolist() for column in self._result]
+        ids, rows = self._ids[robot], zip(places, margins, measured, points, strict=True)
+        return [(ids[at], low, _as_points(p) if tight else None) for at, low, tight, p in rows]
 
-    def _certify(self, robot: int, place: int) -> tuple[Points, int]:
-        """Measure a pair's margin; return its witness points, and the next place to measure, −1 for none."""
-        pair, bodies = self._pairs[robot][place]
-        a, b, _, reversed_ = bodies
-        certifier, views, limits = self._clearance.certifier, self._views, self._clearance.limits_of[robot]
-        margin, tight = self._searches[robot]
+    def _arguments(self, robot: int, count: int) -> tuple[Any, ...]:
+        """Return the first arguments of the kernels for a search; the last one receives its result."""
+        if len(self._result[0]) != count + 2:
+            self._result = _result(count + 2)
+        kept, found = (self._clearance.directions, self._witnesses), (self._margin, *self._result)
+        scene = self._prefilter.cell, self._poses
+        return scene, self._own[robot], kept, self._searches[robot], found
+
+    def _certify(self, robot: int, place: int, arguments: tuple[Any, ...]) -> tuple[int, int]:
+        """Measure a pair's margin by a query; return the results of ``kernels.recall``."""
+        (a, b), views, certifier = self._bodies[robot][place], self._views, self._clearance.certifier
         found = certifier.first.query(a, views[a], b, views[b])
-        search = margin, tight, limits, self._others[robot], place
-        kept, posed = self._clearance.directions[pair], (*self._poses, self._radii)
-        accepted, following = kernels().certify(self._prefilter.cell, posed, bodies, found, kept, search)
+        accepted, following, number = kernels().certify(*arguments, (place, self._radii, *found))
         if accepted:
             certifier.queries += 1
-            p, q = point(found[1]), point(found[2])
-            return ((q, p) if reversed_ else (p, q)), following
-        lb, points = self._refresh(robot, place)
+            return following, number
+        lb, _ = self._refresh(robot, place)
+        margin, tight, limits, _ = self._searches[robot]
         margin[place], tight[place] = lb - limits[place], True
-        return points, kernels().stale(margin, self._others[robot], tight)
+        following, number = kernels().recall(*arguments)
+        return following, number
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """Restore a copy: a pickled view would no longer share its memory."""
@@ -97,9 +110,16 @@ class CompiledNearestPairs(NearestPairs):
         self._views = list(zip(*self._poses, strict=True))
 
 
-def _bodies(own: RobotPairs) -> list[tuple[int, tuple[int, int, bool, bool]]]:
-    """Return each pair: its index, its bodies, True for one chain, and True if the bodies are reversed."""
-    chained, reversed_ = np.arange(len(own.ids)) < own.chained, own.sign < 0
-    columns = (own.mine, own.theirs, chained, reversed_)
-    bodies = zip(*(column.tolist() for column in columns), strict=True)
-    return list(zip(own.ids.tolist(), bodies, strict=True))
+def _numbers(own: RobotPairs, pairs: Records) -> tuple[Records, Index, Array, int]:
+    """Return a robot's pairs in the kernels' form: bodies, ids, signs, number of those of one chain."""
+    return pairs, own.ids, own.sign, own.chained
+
+
+def _result(size: int) -> tuple[Index, Array, NDArray[np.bool_], Array]:
+    """Return arrays for places, margins, marks of those that were measured, and witness points."""
+    return np.empty(size, np.intp), np.empty(size), np.empty(size, np.bool_), np.empty((size, 6))
+
+
+def _as_points(row: list[float]) -> Points:
+    a, b, c, d, e, f = row
+    return (a, b, c), (d, e, f)

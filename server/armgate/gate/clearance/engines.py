@@ -25,7 +25,8 @@ from armgate.cell.shapes import Box, Capsule, Cone, Convex, Cylinder, Shape, Sph
 
 Array = NDArray[np.float64]
 _TOLERANCE = 1e-8
-_TOUCHING = 1e-9
+TOUCHING = 1e-9
+"""Distance up to which the witness points give no direction, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,9 +125,9 @@ class FclEngine:
 
 def _direction(p: Array, q: Array, distance: float, fallback: Array) -> Array:
     """Return the unit direction from p to q; the compiled form is in ``kernels.certify``."""
-    v = q - p if distance > _TOUCHING else np.array(fallback, dtype=np.float64)
+    v = q - p if distance > TOUCHING else np.array(fallback, dtype=np.float64)
     length = sqrt(float(v @ v))
-    if not isfinite(length) or length < _TOUCHING:
+    if not isfinite(length) or length < TOUCHING:
         return np.array([0.0, 0.0, 1.0])
     return np.asarray(v / length)
 

@@ -33,8 +33,11 @@ PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 _GAP = 1e-4
 """`certificate.GAP`: difference between bound and distance above which the second engine is queried, m."""
 
+_TIGHT = 1e-6
+"""`certificate.TIGHT`: largest difference for which no engine is queried, m."""
+
 _TOUCHING = 1e-9
-"""`engines._TOUCHING`: distance up to which the witness points give no direction, m."""
+"""`engines.TOUCHING`: distance up to which the witness points give no direction, m."""
 
 
 @kernel
@@ -318,13 +321,50 @@ def stale(margin, others, tight):
 
 
 @kernel
-def begin(all_margins, ids, others, search):
-    """Begin a search: fill its margins, (P,), mark none of them as tight, (P,), and return `stale`."""
-    margin, tight = search
-    for k in range(len(ids)):
-        margin[k] = all_margins[ids[k]]
-        tight[k] = False
-    return stale(margin, others, tight)
+def _slab_between(cell, poses, a, b, v):
+    """`certificate._slab` of the bodies a and b along v."""
+    R, t, bodies = poses[0], poses[1], cell[2]
+    apart = (t[b, 0] - t[a, 0], t[b, 1] - t[a, 1], t[b, 2] - t[a, 2])
+    away = _turned_back(R[b], (-v[0], -v[1], -v[2]))
+    near = _support(cell, bodies[a], _turned_back(R[a], v))
+    return _dot(v, apart) - near - _support(cell, bodies[b], away)
+
+
+@kernel
+def _keep(poses, pair, v, out):
+    """Write a direction from mine to theirs to ``out``, (3,), as `Clearance.keep_n`.
+
+    It is in the frame of the first body for a pair of one chain, and from second to first body for a reversed
+    pair.
+    """
+    a, _, chained, reversed_ = pair
+    n, sign = _turned_back(poses[0][a], v) if chained else v, -1.0 if reversed_ else 1.0
+    for i in range(3):
+        out[i] = sign * n[i]
+
+
+@kernel
+def _placed_witness(poses, body, local):
+    x, y, z = _turned(poses[0][body], local)
+    return poses[1][body, 0] + x, poses[1][body, 1] + y, poses[1][body, 2] + z
+
+
+@kernel
+def _recalled(cell, poses, pair, witness, kept):
+    """`Certifier.recall` of one pair: return its bound and keep the direction; NaN if no bound is tight."""
+    a, b, _, reversed_ = pair
+    p = _placed_witness(poses, a, witness[1 if reversed_ else 0])
+    q = _placed_witness(poses, b, witness[0 if reversed_ else 1])
+    v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
+    distance = sqrt(_dot(v, v))
+    if not distance > _TOUCHING:
+        return np.nan
+    n = (v[0] / distance, v[1] / distance, v[2] / distance)
+    lb = _slab_between(cell, poses, a, b, n)
+    if not (lb >= 0.0 and abs(distance - lb) <= _TIGHT):
+        return np.nan
+    _keep(poses, pair, n, kept)
+    return lb
 
 
 @kernel
@@ -344,19 +384,74 @@ def _first(margin, out):
 
 
 @kernel
-def end(all_margins, ids, others, margin, count, out):
-    """End a search: store its margins; write `NearestPairs._shown` to ``out`` and return their number."""
+def _witness_points(poses, pair, witness, reversed_, out):
+    """Write the witness points of a pair in the world to ``out``, (6,), in the order of its bodies."""
+    first, second = (pair.theirs, pair.mine) if reversed_ else (pair.mine, pair.theirs)
+    out[0], out[1], out[2] = _placed_witness(poses, first, witness[0])
+    out[3], out[4], out[5] = _placed_witness(poses, second, witness[1])
+
+
+@kernel
+def end(scene, own, kept, search, found):
+    """End a search: store its margins; write what `NearestPairs._shown` returns and return the number.
+
+    ``found`` are the margins of all pairs, and, (count + 2,): places, their margins, marks of those that were
+    measured, and the witness points of these, (count + 2, 6).
+    """
+    poses, (pairs, ids, signs, _) = scene[1], own
+    margin, tight, _, others = search
+    all_margins, shown, margins, measured, points = found
     for k in range(len(ids)):
         all_margins[ids[k]] = margin[k]
-    found = _first(margin, out[:count])
+    number = _first(margin, shown[: len(shown) - 2])
     for k in (_lowest(margin, range(len(margin))), _lowest(margin, others)):
         known = k < 0
-        for i in range(found):
-            known = known or out[i] == k
+        for i in range(number):
+            known = known or shown[i] == k
         if not known:
-            out[found] = k
-            found += 1
-    return found
+            shown[number] = k
+            number += 1
+    for i in range(number):
+        k = shown[i]
+        margins[i], measured[i] = margin[k], tight[k]
+        if tight[k]:
+            _witness_points(poses, pairs[k], kept[1][ids[k]], signs[k] < 0.0, points[i])
+    return number
+
+
+@kernel
+def recall(scene, own, kept, search, found):
+    """`NearestPairs._recall` of one stale pair after the other, as long as their witness points suffice.
+
+    Returns:
+        The place of the first pair that an engine must measure; −1 if no pair is stale. Then the search is
+        over: the second result is that of `end`.
+    """
+    cell, poses = scene
+    pairs, ids, signs, chained = own
+    directions, witnesses = kept
+    margin, tight, limits, others = search
+    place = stale(margin, others, tight)
+    while place >= 0:
+        k = ids[place]
+        pair = (pairs[place].mine, pairs[place].theirs, place < chained, signs[place] < 0.0)
+        lb = _recalled(cell, poses, pair, witnesses[k], directions[k])
+        if np.isnan(lb):
+            return place, 0
+        margin[place] = lb - limits[place]
+        tight[place] = True
+        place = stale(margin, others, tight)
+    return place, end(scene, own, kept, search, found)
+
+
+@kernel
+def begin(scene, own, kept, search, found):
+    """Begin a search: fill its margins, (P,), mark none of them as tight, (P,), and `recall`."""
+    margin, tight, _, _ = search
+    for k in range(len(margin)):
+        margin[k] = found[0][own[1][k]]
+        tight[k] = False
+    return recall(scene, own, kept, search, found)
 
 
 @kernel
@@ -369,35 +464,40 @@ def _unit(v):
 
 
 @kernel
-def certify(cell, posed, pair, found, kept, search):
-    """`Certifier._best` for one pair: measure its margin; return True if that succeeded, and `stale`.
+def _keep_witness(poses, body, x, radius, v, out):
+    """Write the point x, moved along v by the radius, to ``out``, (3,), in the frame of the body."""
+    t = poses[1][body]
+    moved = (x[0] + radius * v[0] - t[0], x[1] + radius * v[1] - t[1], x[2] + radius * v[2] - t[2])
+    out[0], out[1], out[2] = _turned_back(poses[0][body], moved)
+
+
+@kernel
+def certify(scene, own, kept, search, found, measured):
+    """`Certifier._best` for the pair at a place: measure its margin; return True if that succeeded.
 
     The bound of the engine's direction is accepted if the bodies are apart and the bound differs from the
-    engine's distance by at most ``_GAP``; ``posed`` are the poses and radii of all bodies. Then the witness
-    points are moved to the surfaces, and the direction is written to ``kept``, (3,): in the frame of the
-    first body for a pair of one chain, from second to first body for a reversed pair.
+    engine's distance by at most ``_GAP``. Then the witness points are moved to the surfaces, and kept with
+    the direction. The other results are those of `recall`. ``measured`` are the place, the radii of all
+    bodies, and the engine's distance, witness points and normal.
     """
-    a, b, chained, reversed_ = pair
-    distance, p, q, normal = found
-    R, t, radii = posed
-    margin, tight, limits, others, place = search
+    cell, poses = scene
+    place, radii, distance, p, q, normal = measured
+    pairs, ids, signs, chained = own
+    pair = (pairs[place].mine, pairs[place].theirs, place < chained, signs[place] < 0.0)
+    a, b, _, reversed_ = pair
     near, far = radii[a], radii[b]
     v = (q[0] - p[0], q[1] - p[1], q[2] - p[2])
     if not distance > _TOUCHING:
         v = (normal[0], normal[1], normal[2])
     v = _unit(v)
-    turned = _turned_back(R[a], v)
-    away = _turned_back(R[b], (-v[0], -v[1], -v[2]))
-    apart = (t[b, 0] - t[a, 0], t[b, 1] - t[a, 1], t[b, 2] - t[a, 2])
-    bodies = cell[2]
-    lb = _dot(v, apart) - _support(cell, bodies[a], turned) - _support(cell, bodies[b], away)
+    lb = _slab_between(cell, poses, a, b, v)
     if not (lb >= 0.0 and abs(distance - near - far - lb) <= _GAP):
-        return False, place
-    n, sign = turned if chained else v, -1.0 if reversed_ else 1.0
-    for i in range(3):
-        p[i] += near * v[i]
-        q[i] -= far * v[i]
-        kept[i] = sign * n[i]
+        return False, place, 0
+    witness, i = kept[1][ids[place]], 1 if reversed_ else 0
+    _keep_witness(poses, a, p, near, v, witness[i])
+    _keep_witness(poses, b, q, -far, v, witness[1 - i])
+    _keep(poses, pair, v, kept[0][ids[place]])
+    margin, tight, limits, _ = search
     margin[place] = lb - limits[place]
     tight[place] = True
-    return True, stale(margin, others, tight)
+    return True, *recall(scene, own, kept, search, found)

@@ -1,8 +1,12 @@
 """Nearest pairs at the measured positions, for the state: lower bounds, of which the lowest is tight.
 
-A lower bound is kept for every pair and lowered by the motion of its robots. The engine measures the pairs
-with the lowest bounds until the lowest bound is a measured one: then no pair can be nearer than that. So only
-near pairs need the engine.
+A lower bound is kept for every pair and lowered by the motion of its robots. The pairs with the lowest bounds
+are measured until the lowest bound is a measured one: then no pair can be nearer than that. So only near
+pairs need to be measured.
+
+A measurement needs a direction and witness points. Those of the last engine query of the pair, moved with
+their bodies, often suffice: |q − p| is at least the distance, and the slab along q − p is at most the
+distance. If the two differ by at most ``certificate.TIGHT``, the engine is not queried.
 
 `armgate.gate.clearance.compiled_nearest` has the compiled form.
 """
@@ -37,6 +41,8 @@ class NearestPairs:
         # Places of the pairs with other robots or surroundings among a robot's pairs.
         self._others = [np.flatnonzero([pairs[p].kind != "self" for p in ids]) for ids in clearance.pairs_of]
         self._margin = np.full(len(pairs), np.inf)
+        # Witness points of the last measurement of each pair, each in the frame of its body; NaN for none.
+        self._witnesses = np.full((len(pairs), 2, 3), np.nan)
         self._last: list[Joints | None] = [None] * len(clearance.cell.robots)
         self._motion: list[Array | None] = [None] * len(clearance.cell.robots)
         self._still: list[Swept | None] = [None] * len(clearance.cell.robots)
@@ -70,14 +76,18 @@ class NearestPairs:
     def _tighten(self, robot: int, margin: Array) -> dict[int, Points]:
         """Measure pairs until the lowest margins are measured ones; return the witness points by place."""
         limits, points = self._clearance.limits_of[robot], dict[int, Points]()
-        for query in range(1, REFRESHES + 1):
-            stale = [k for k in self._lowest(robot, margin) if k not in points]
-            if not stale:
-                break
-            if query % FEW == 0:  # many bounds are low: one slab for all is cheaper than more queries
-                self._measure(robot, first(margin, MANY), margin)
-                continue
-            lb, points[stale[0]] = self._refresh(robot, stale[0])
+        queries = 0
+        while stale := [k for k in self._lowest(robot, margin) if k not in points]:
+            measured = self._recall(robot, stale[0])
+            if measured is None:
+                queries += 1
+                if queries > REFRESHES:
+                    break
+                if queries % FEW == 0:  # many bounds are low: one slab for all is cheaper than more queries
+                    self._measure(robot, first(margin, MANY), margin)
+                    continue
+                measured = self._refresh(robot, stale[0])
+            lb, points[stale[0]] = measured
             margin[stale[0]] = lb - limits[stale[0]]
         return points
 
@@ -144,21 +154,49 @@ class NearestPairs:
             kept = np.where(np.isfinite(margin[here]), margin[here], -np.inf)
             margin[here] = np.maximum(kept, lb - group.limit[sel])
 
-    def _refresh(self, robot: int, place: int) -> tuple[float, Points]:
-        """Query the engine for one of a robot's pairs, and keep the direction.
+    def _recall(self, robot: int, place: int) -> tuple[float, Points] | None:
+        """Measure one of a robot's pairs by its kept witness points, and keep the direction.
 
         Returns:
-            The bound, and the witness points in the order of the pair's bodies.
+            As `_refresh`; None if the points do not suffice.
+
+        The compiled form is ``kernels.recall``.
         """
-        group, k = self._clearance.find(robot, int(self._clearance.pairs_of[robot][place]))
-        mine, side = self._placed(robot), self._side(group)
-        assert mine is not None  # its margin is known, so both positions are known
-        assert side is not None
-        certificate = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
+        pair = int(self._clearance.pairs_of[robot][place])
+        group, k, mine, side = self._sides(robot, pair)
+        kept = self._witnesses[pair][:: int(group.sign[k])]
+        certificate = self._clearance.certifier.recall(group, k, mine, side, kept)
+        if certificate is None:
+            return None
         self._clearance.keep_n(group, k, certificate.n)
         points = in_pair_order(group, k, certificate.points)
         assert points is not None
         return certificate.lb, points
+
+    def _refresh(self, robot: int, place: int) -> tuple[float, Points]:
+        """Query the engine for one of a robot's pairs; keep the direction and the witness points.
+
+        Returns:
+            The bound, and the witness points in the order of the pair's bodies.
+        """
+        pair = int(self._clearance.pairs_of[robot][place])
+        group, k, mine, side = self._sides(robot, pair)
+        certificate = self._clearance.certifier.prove(group, k, mine, side, (0, 0))
+        self._clearance.keep_n(group, k, certificate.n)
+        points = in_pair_order(group, k, certificate.points)
+        assert points is not None
+        bodies = mine.pose(0, int(group.mine[k])), side.pose(0, int(group.theirs[k]))
+        local = [(np.array(p) - t) @ R for p, (R, t) in zip(certificate.points, bodies, strict=True)]
+        self._witnesses[pair] = local[:: int(group.sign[k])]
+        return certificate.lb, points
+
+    def _sides(self, robot: int, pair: int) -> tuple[Group, int, Swept, Swept]:
+        """Return the group of one of a robot's pairs, its place there, and both sides at the measured q."""
+        group, k = self._clearance.find(robot, pair)
+        mine, side = self._placed(robot), self._side(group)
+        assert mine is not None  # its margin is known, so both positions are known
+        assert side is not None
+        return group, k, mine, side
 
     def _lowest(self, robot: int, margin: Array) -> list[int]:
         """Return the places of the lowest known margins.
