@@ -38,8 +38,8 @@ def stop_increments(u: Sequence[float], decel: Sequence[float]) -> tuple[Joints,
     if not any(u):
         return ()
     m = ticks_to_rest(u, decel)
-    shares = [1.0] + [1.0 - k / m for k in range(1, math.floor(m) + 1)]
-    return tuple(tuple(map(share.__mul__, u)) for share in shares if share > 0.0)
+    shares = [1.0 - k / m for k in range(1, math.floor(m) + 1)]
+    return tuple(u), *[tuple(map(share.__mul__, u)) for share in shares if share > 0.0]
 
 
 def end_of(setpoint: Joints, increments: tuple[Joints, ...]) -> Joints:

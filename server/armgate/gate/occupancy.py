@@ -72,11 +72,9 @@ def occupancy(
             it that counts between the ticks only; () if they lag alike.
     """
     cut = _corner_cut(measured, setpoint, end)
-    lag = [0.0] * len(measured)
-    for past in history:
-        near = _nearest(past, measured, setpoint)
-        lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
-    tube = tuple([a + b + tolerance for a, b in zip(cut, lag, strict=True)])
+    if history:
+        cut = list(map(add, cut, _largest_deviation(history, measured, setpoint)))
+    tube = tuple([e + tolerance for e in cut])
     if lag_tube[0]:
         tube = tuple(map(add, tube, lag_tube[0]))
     return Occupancy(_without_repeats((measured, setpoint, end)), tube, *lag_tube)
@@ -164,6 +162,15 @@ def deviation(q: Joints, one: Occupancy) -> float:
 
 def _without_repeats(nodes: tuple[Joints, ...]) -> tuple[Joints, ...]:
     return nodes[:1] + tuple([b for a, b in pairwise(nodes) if a != b])
+
+
+def _largest_deviation(history: Sequence[Joints], a: Joints, b: Joints) -> list[float]:
+    """Return the largest deviation of the history from the chord ab, per joint."""
+    lag = [0.0] * len(a)
+    for past in history:
+        near = _nearest(past, a, b)
+        lag = [max(e, abs(p - x)) for e, p, x in zip(lag, past, near, strict=True)]
+    return lag
 
 
 def _corner_cut(a: Joints, b: Joints, c: Joints) -> list[float]:

@@ -177,8 +177,10 @@ class RobotState:
     @property
     def brake(self) -> Joints:
         """u_b: the held path's next increment, zeros at rest."""
-        remaining = self.remaining
-        return remaining[0] if remaining else self.zeros
+        index = self.played + 1
+        if self.held is None or index >= len(self.held.increments):
+            return self.zeros
+        return self.held.increments[index]
 
     @property
     def end(self) -> Joints:

@@ -21,7 +21,7 @@ from armgate.world.interfaces import Batch, ClientRequest, EventLog, Peer
 _AHEAD = 256
 """Number of messages of a participant that may wait for the next step."""
 
-_END_NO_STEP = (m.Signal, m.Ping, m.Subscribe, m.Describe, m.Asset)
+_END_NO_STEP = frozenset({m.Signal, m.Ping, m.Subscribe, m.Describe, m.Asset})
 """Messages that cannot end a step: they change neither leases nor the set of participants that are done."""
 
 
@@ -145,7 +145,7 @@ class Lockstep:
             self._handle_participant(peer, request)
         else:
             self._handle_other(peer, request)
-        if not isinstance(request, _END_NO_STEP):
+        if type(request) not in _END_NO_STEP:
             self._go_on()  # also after a stop by an observer: a participant may be done that loses a robot
             if self._takes_part(peer):
                 self._hold_if_done(peer)

@@ -1,7 +1,6 @@
 """Motion of robots: last tick of each robot, and detection that all robots are at rest."""
 
 from collections.abc import Mapping, Sequence
-from operator import sub
 
 from armgate.cell.cell import Cell
 from armgate.events import Tick
@@ -22,7 +21,7 @@ class Motion:
         # Two measurements of a robot at rest differ by up to twice the tolerance.
         self._noise = {robot.name: 2.0 * robot.q_tolerance for robot in cell.robots}
         self._ticks: dict[str, Tick] = {}
-        self._moved: dict[str, float] = {}
+        self._before: dict[str, Tick] = {}
 
     @property
     def ticks(self) -> Mapping[str, Tick]:
@@ -31,18 +30,22 @@ class Motion:
 
     def note(self, tick: Tick) -> None:
         """Process a tick."""
-        before = self._ticks.get(tick.robot, tick)
-        # The increment just played is measured only at the next tick. Until then it counts as motion.
-        moved = map(sub, tick.q, before.q)
-        self._moved[tick.robot] = max(map(abs, (*moved, *tick.increment)))
+        self._before[tick.robot] = self._ticks.get(tick.robot, tick)
         self._ticks[tick.robot] = tick
 
     @property
     def at_rest(self) -> bool:
         """True if no link has increments left to play and no robot moved at its last tick."""
         return not any(link.remaining for link in self._links) and all(
-            moved <= self._noise[robot] for robot, moved in self._moved.items()
+            self._moved(robot) <= self._noise[robot] for robot in self._ticks
         )
+
+    def _moved(self, robot: str) -> float:
+        """Return the largest motion of a joint at the last tick, rad or m."""
+        before, tick = self._before[robot], self._ticks[robot]
+        # The increment just played is measured only at the next tick. Until then it counts as motion.
+        moved = [q - earlier for q, earlier in zip(tick.q, before.q, strict=False)]
+        return max(map(abs, (*moved, *tick.increment)))
 
     @property
     def time_left(self) -> float:
