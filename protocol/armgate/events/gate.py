@@ -1,9 +1,9 @@
 """Events that the gate receives, and outputs that it returns."""
 
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
+from armgate.events.immutable import event
 from armgate.events.link import Joints, LinkChange, Plan, PlanAnswer, Rebase, Tick
 
 Point = tuple[float, float, float]
@@ -36,7 +36,7 @@ class Cause(StrEnum):
     CLEARANCE = "clearance"
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Reason:
     """One cause that limited or refused a command, with its numbers.
 
@@ -62,7 +62,7 @@ class Reason:
 # --- events -----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Command:
     """Requested increment ``dq`` to the setpoint at the robot's next tick.
 
@@ -84,7 +84,7 @@ class Command:
     holder: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class LeaseChange:
     """Change of a lease: the holder's fence (None: not held) and speed bound, a share of the cell's."""
 
@@ -93,7 +93,7 @@ class LeaseChange:
     speed: float = 1.0
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Stop:
     """Request to bring the named robots to rest along their plans and to refuse commands until a reset."""
 
@@ -102,7 +102,7 @@ class Stop:
     by: str
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Reset:
     """Request to lift the stop with this id."""
 
@@ -116,7 +116,7 @@ GateEvent = Tick | Command | PlanAnswer | LeaseChange | Stop | Reset | LinkChang
 # --- outputs ----------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Verdict:
     """Verdict on one command.
 
@@ -144,7 +144,7 @@ class Verdict:
     reasons: tuple[Reason, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Stopped:
     """Stop that is now in force; ``replaces`` is the id of the stop that it replaced, if any."""
 
@@ -155,7 +155,7 @@ class Stopped:
     replaces: int | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class ResetAnswer:
     """Answer to a reset: lifted, or rejected as ``unknown`` or ``moving``.
 

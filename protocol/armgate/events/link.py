@@ -1,7 +1,8 @@
 """Plans, ticks and link states: the values that the daemon and a robot's link exchange."""
 
-from dataclasses import dataclass
 from enum import StrEnum
+
+from armgate.events.immutable import event
 
 Joints = tuple[float, ...]
 """One number per joint of one robot, in the order of its model."""
@@ -16,7 +17,7 @@ class LinkState(StrEnum):
     FAULTED = "faulted"
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class LinkChange:
     """Change of a link's state."""
 
@@ -25,7 +26,7 @@ class LinkChange:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class PlanKey:
     """Key that a link compares before a plan replaces the plan it holds (compare-and-swap).
 
@@ -42,7 +43,7 @@ class PlanKey:
     last_played: int
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Plan:
     """Increments for the coming ticks of one robot, which end at rest."""
 
@@ -56,7 +57,7 @@ class Plan:
         return hash(self.key)
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class PlanAnswer:
     """Answer of a link to a plan: accepted, or ``late``, ``early``, ``mismatch`` or ``inactive``."""
 
@@ -66,7 +67,7 @@ class PlanAnswer:
     reason: str = ""
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Rebase:
     """Order to a link: drop the plan and take ``setpoint`` as commanded; ``resets`` is the new count."""
 
@@ -75,7 +76,7 @@ class Rebase:
     resets: int
 
 
-@dataclass(frozen=True, slots=True)
+@event(frozen=True, slots=True)
 class Tick:
     """One cycle of one robot's clock.
 

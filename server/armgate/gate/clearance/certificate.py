@@ -21,7 +21,7 @@ from armgate.gate.clearance.swept import Array, Swept
 GAP = 1e-4
 """Difference between bound and engine distance above which the second engine is queried, m."""
 
-TIGHT = 1e-6
+TIGHT = 5e-6
 """Largest difference between the bound and the distance of kept witness points without an engine query, m."""
 
 _GAIN = 1e-9

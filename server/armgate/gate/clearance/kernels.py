@@ -33,7 +33,7 @@ PAIR = np.dtype([("mine", "i8"), ("theirs", "i8")])
 _GAP = 1e-4
 """`certificate.GAP`: difference between bound and distance above which the second engine is queried, m."""
 
-_TIGHT = 1e-6
+_TIGHT = 5e-6
 """`certificate.TIGHT`: largest difference for which no engine is queried, m."""
 
 _TOUCHING = 1e-9
