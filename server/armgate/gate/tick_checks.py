@@ -19,7 +19,7 @@ from armgate.gate.standstill import within
 def unusable(s: RobotState, event: Tick) -> str | None:
     """Return the reason why a tick cannot be used; None if it can."""
     rows = (event.q, event.setpoint, event.increment)
-    if any(len(row) != s.robot.model.n for row in rows):
+    if not len(event.q) == len(event.setpoint) == len(event.increment) == s.robot.model.n:
         return f"{s.name}'s link reports positions of another number of joints"
     # One sum suffices for nearly every tick: it is too large, or NaN, if any of the numbers is.
     if not (math.isfinite(event.time) and sum(map(abs, chain(*rows))) <= MAX_NUMBER):

@@ -278,10 +278,13 @@ def follow(cell, robot, moved, pairs, margin, poses):
     own = cell[0][robot]
     mine = slice(own.body, own.body + own.bodies)
     place(cell, robot, q, poses[0][mine], poses[1][mine])
+    step = np.empty(len(q))
+    for j in range(len(q)):
+        step[j] = abs(q[j] - before[j])
     for k in range(len(ids)):
         way = 0.0
         for j in range(len(q)):
-            way += growth[k, j] * abs(q[j] - before[j])
+            way += growth[k, j] * step[j]
         margin[ids[k]] -= way
 
 
