@@ -2,6 +2,9 @@
 
 There is time to write while the participants compute. A thread would block the interpreter when the event
 loop has to answer. No record is lost if the disk is slow, because the run waits for the disk.
+
+The records of a few steps are encoded together: the second record takes a third of the time of the first,
+because the code is in the processor's caches then. More steps would delay the next state.
 """
 
 import asyncio
@@ -9,6 +12,10 @@ import asyncio
 from armgate.daemon.recording.recorder import Recorder
 from armgate.recorder.parts import StateAt
 from armgate.recording import Item
+
+
+_TOGETHER = 32
+"""Records that are encoded together; a step of two robots has nine."""
 
 
 class InlineRecorder(Recorder):
@@ -40,9 +47,11 @@ class InlineRecorder(Recorder):
         self._queue.append((at, item))
         if len(self._queue) >= self._limit:
             self._catch_up()
-        elif not self._due:
+        elif len(self._queue) >= _TOGETHER and not self._due:
             self._due = True
             self._loop.call_soon(self._catch_up)
+        if self._flushing is None:
+            self._flushing = self._loop.call_later(self._flush, self._flush_on)
 
     def _catch_up(self) -> None:
         self._due = False
@@ -53,11 +62,10 @@ class InlineRecorder(Recorder):
     def _write_all(self) -> None:
         while self._queue and (queued := self._queue.popleft()) is not None:
             self._parts.put(*queued)
-        if self._flushing is None:
-            self._flushing = self._loop.call_later(self._flush, self._flush_on)
 
     def _flush_on(self) -> None:
         self._flushing = None
         if self._failure is None:
             with self._guard():
+                self._write_all()
                 self._parts.flush()
