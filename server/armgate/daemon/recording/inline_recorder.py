@@ -13,7 +13,6 @@ from armgate.daemon.recording.recorder import Recorder
 from armgate.recorder.parts import StateAt
 from armgate.recording import Item
 
-
 _TOGETHER = 32
 """Records that are encoded together; a step of two robots has nine."""
 
