@@ -1,7 +1,7 @@
 """Speed of the whole stack in lock-step: daemon, leader, follower and observer as processes.
 
 The demo as a user starts it, with its recording, without the viewer. The result is the wall-clock time per
-second of the run, from the first state to the last, without starting processes and drawing pictures, and the
+second of the run, from the second state to the last, without starting processes and drawing pictures, and the
 processor time of each process in a step.
 
     bench_demo.py [SECONDS]

@@ -285,3 +285,12 @@ def test_the_stops_of_a_failed_run_are_reported_with_their_reasons(tmp_path: Pat
 def test_processes_nearer_to_the_robots_have_higher_priorities() -> None:
     assert plan().priority("robots") > plan().priority("daemon") > plan().priority("controller") > 0
     assert {plan(lockstep=True).priority(what) for what in PRIORITIES} == {0}
+
+
+def test_the_speed_counts_from_the_second_state() -> None:
+    span = course.Span()
+    assert span.factor is None
+    for elapsed, wall in ((0.0, 100.0), (0.06, 107.0), (0.12, 107.01), (4.06, 107.5)):
+        span.note(elapsed, wall)
+    assert span.factor == pytest.approx(8.0)
+    assert span.wall == pytest.approx(0.5)

@@ -54,13 +54,39 @@ _SHOWN_EVERY = 5
 
 
 @dataclass
+class Span:
+    """Time in the cell and wall-clock time since the second state.
+
+    In lock-step the first state waits for the participants, so its wall-clock time is part of their start.
+    """
+
+    first: tuple[float, float] | None = None
+    newest: tuple[float, float] = (0.0, 0.0)
+
+    def note(self, elapsed: float, wall: float) -> None:
+        """Note a state, at a time in the cell since the first state and at a wall-clock time, s."""
+        self.newest = (elapsed, wall)
+        if self.first is None and elapsed > 0.0:
+            self.first = self.newest
+
+    @property
+    def wall(self) -> float:
+        """Wall-clock time, s."""
+        return 0.0 if self.first is None else self.newest[1] - self.first[1]
+
+    @property
+    def factor(self) -> float | None:
+        """Time in the cell as a multiple of wall-clock time; None before the third state."""
+        return (self.newest[0] - self.first[0]) / self.wall if self.first is not None and self.wall else None
+
+
+@dataclass
 class Watch:
     """Connection of an observer, read in a thread of its own so that drawing delays no state."""
 
     seen: Observation
     cell: Description
-    started: float = 0.0
-    latest: float = 0.0
+    span: Span = field(default_factory=Span)
     error: ClientError | None = None
     lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -70,8 +96,7 @@ class Watch:
             for state in states:
                 with self.lock:
                     self.seen.take(state)
-                    self.latest = time.monotonic()
-                    self.started = self.started or self.latest
+                    self.span.note(self.seen.elapsed, time.monotonic())
         except ClientError as error:
             self.error = error
 
@@ -82,13 +107,14 @@ class Watch:
 
     @property
     def wall(self) -> float:
-        """Wall-clock time from the first state to the newest, s."""
-        return self.latest - self.started
+        """Wall-clock time of the observed run, s."""
+        factor = self.span.factor
+        return self.seen.elapsed / factor if factor else 0.0
 
     @property
     def factor(self) -> float | None:
         """Speed of the run so far, as a multiple of real time."""
-        return self.seen.elapsed / self.wall if self.wall > 0.5 else None
+        return self.span.factor if self.span.wall > 0.5 else None
 
 
 @dataclass(frozen=True)
