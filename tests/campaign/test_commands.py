@@ -44,6 +44,7 @@ def words(folder: Path, length: str) -> str:
     return f"command: ['{sys.executable}', '{folder}/script.py', {arguments}], options: {{length: {length}}}"
 
 
+@pytest.mark.slow
 def test_a_command_has_the_figures_of_the_same_program(tmp_path: Path) -> None:
     program = run(tmp_path, None)
     command = run(tmp_path, words(tmp_path, "0.001"), recording=tmp_path / "recording")

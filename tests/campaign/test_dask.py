@@ -47,7 +47,7 @@ def _dask(*words: str) -> "subprocess.Popen[bytes]":
 
 @pytest.fixture
 def campaign(tmp_path: Path) -> Campaign:
-    return small_campaign(tmp_path, seeds=40, programs=("move", "ends"))
+    return small_campaign(tmp_path, seeds=10, programs=("move", "ends"))
 
 
 @pytest.fixture
@@ -85,7 +85,8 @@ def test_a_killed_worker_and_a_killed_scheduler_change_nothing(
             os.killpg(first.scheduler.pid, signal.SIGKILL)
 
     monkeypatch.setattr(Disturbed, "disturb", staticmethod(disturb))
-    monkeypatch.setattr("armgate.campaign.schedule.LARGEST", 4)
+    monkeypatch.setattr("armgate.campaign.schedule.LARGEST", 1)
+    monkeypatch.setattr("armgate.campaign.dask_pool.LOST_TIME", 0.5)
     with pytest.raises(CampaignError, match=r"the Dask scheduler tcp://.* is lost; start it and its workers"):
         run_campaign(campaign, tmp_path / "out", lambda plan: Disturbed(plan, first.address, None))
     stored = len(read_results(tmp_path / "out"))
@@ -109,7 +110,7 @@ def test_an_address_without_scheduler_is_one_clear_error(
     monkeypatch.setattr("armgate.campaign.dask_pool.CONNECT_TIME", 0.5)
     campaign = small_campaign(tmp_path, seeds=1)
     begin = time.monotonic()
-    for address in (f"tcp://127.0.0.1:{free_ports(1)[0]}", "nonsense://x"):
-        with pytest.raises(CampaignError, match=rf"{address}: no Dask scheduler with workers answers"):
-            DaskPool(CampaignPlan(campaign.config, campaign.basis), address, None)
+    address = f"tcp://127.0.0.1:{free_ports(1)[0]}"
+    with pytest.raises(CampaignError, match=rf"{address}: no Dask scheduler with workers answers"):
+        DaskPool(CampaignPlan(campaign.config, campaign.basis), address, None)
     assert time.monotonic() - begin < 60.0

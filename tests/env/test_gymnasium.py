@@ -132,6 +132,12 @@ def test_errors_in_a_worker_are_raised_and_the_vector_continues():
     envs.close()
     with pytest.raises(gymnasium.error.ClosedEnvironmentError):
         envs.reset()
+
+
+@pytest.mark.slow
+def test_environments_with_different_spaces_are_one_error():
+    from armgate.env import EnvError, WorkerVectorEnv
+
     with pytest.raises(EnvError, match="the environments have different spaces"):
         WorkerVectorEnv([partial(make, "Reach"), partial(make, "Reach", observation="dict")], workers=2)
 

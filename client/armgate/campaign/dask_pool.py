@@ -14,7 +14,9 @@ from typing import Any
 from uuid import uuid4
 
 from armgate.campaign.errors import CampaignError, UsageError
+from armgate.campaign.local_pool import PRELOADED
 from armgate.campaign.pool import Finished, Plan
+from armgate.campaign.result import Result
 from armgate.campaign.trials import Trial
 from armgate.campaign.worker import packed, run_batch
 
@@ -83,7 +85,7 @@ class DaskPool:
         batch = self._batches.pop(future.key)
         del self._futures[future.key]
         if future.status == "finished":
-            results, seconds = future.result()
+            results, seconds = self._fetched(future)
             return Finished(results, seconds=seconds)
         if future.status == "error":
             return self._failed(batch, future.exception())
@@ -130,6 +132,16 @@ class DaskPool:
                 elif time.monotonic() - since > LOST_TIME:
                     raise self._lost() from None
 
+    def _fetched(self, future: Any) -> tuple[Sequence[Result], float]:
+        """Return the results of a batch, which Dask keeps in the worker until now."""
+        from distributed import CancelledError
+
+        try:
+            fetched: tuple[Sequence[Result], float] = future.result()
+        except (OSError, CancelledError) as error:
+            raise self._lost() from error
+        return fetched
+
     def _failed(self, batch: Sequence[Trial], error: Exception) -> Finished:
         from distributed.scheduler import KilledWorker
 
@@ -157,6 +169,7 @@ def _local_cluster(workers: int) -> Any:
     import dask
     from distributed import LocalCluster
 
+    importlib.import_module(PRELOADED)  # compiles kernels, which takes long once, with a notice
     # The schedule of the campaign repeats a trial that ended its worker, alone and a stated number of times.
     dask.config.set({"distributed.scheduler.allowed-failures": 0})
     return LocalCluster(  # type: ignore[no-untyped-call]

@@ -12,6 +12,7 @@ from armgate.campaign.laboratory import Laboratory
 from armgate.campaign.result import Result
 from armgate.campaign.store import MANIFEST, check_manifest, read_results
 from armgate.campaign.trials import Trial
+from armgate.cell.compilation import announced
 
 TRIALS = "trials"
 """Folder of the reproduced trials in a store."""
@@ -34,7 +35,8 @@ def reproduce_trial(campaign: Campaign, folder: Path, key: str) -> Iterator[str]
     where = folder / TRIALS / trial.key
     yield f"{trial.key}: {trial.scenario}, {trial.controllers}, seed {trial.seed}"
     yield from (f"  {name} = {value}" for name, value in trial.values)
-    result = Laboratory(campaign.config, campaign.basis).run(trial, _emptied(where))
+    with announced():
+        result = Laboratory(campaign.config, campaign.basis).run(trial, _emptied(where))
     yield from _figures(campaign, result)
     explain = shlex.join(("armgate", "explain", str(where), "--refused"))
     yield f"recording: {where}; explain it with: {explain}"

@@ -137,10 +137,8 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         Raises:
             EnvError: An option is unknown or has a wrong value.
         """
-        if options is not None and not isinstance(options, Mapping):
-            raise EnvError(f"reset options: {options!r}; expected a mapping")
+        given = _mapping(options)
         super().reset(seed=seed)
-        given = dict(options or {})
         state, place = given.pop("state", None), given.pop("place", None)
         self._close_recording()
         if state is not None:
@@ -172,11 +170,7 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         self._episode = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the state of a copy.
-
-        Raises:
-            EnvError: The environment records; two copies cannot write one recording.
-        """
+        """Return the state of a copy; raise `EnvError` if the environment records."""
         if self._recordings is not None:
             raise EnvError("an environment that records cannot be copied; make another one")
         return dict(self.__dict__)
@@ -224,19 +218,19 @@ class CellEnv(gymnasium.Env):  # type: ignore[misc]
         arms = episode.arms
         result = self._task.assess(arms) if found is None else found
         return Transition(
-            episode.world.time,
-            arms,
-            action,
-            verdicts,
-            episode.outcomes,
-            result.measures,
-            result.reward,
-            result.terminated,
-        )
+            episode.world.time, arms, action, verdicts, episode.outcomes,
+            result.measures, result.reward, result.terminated,
+        )  # fmt: skip
 
     def _close_recording(self) -> None:
         if self._recordings is not None:
             self._recordings.close()
+
+
+def _mapping(options: object) -> dict[str, Any]:
+    if options is not None and not isinstance(options, Mapping):
+        raise EnvError(f"reset options: {options!r}; expected a mapping")
+    return dict(options or {})
 
 
 def _unpickled(state: object, cast: Cast, kind: str) -> tuple[Episode, Any]:

@@ -42,7 +42,10 @@ def experiment(
     seeds: Annotated[
         int | None,
         typer.Option(
-            min=1, help="Number of leader paths or starts (default: as in the file).", show_default=False
+            min=1,
+            max=10_000,
+            help="Number of leader paths or starts (default: as in the file).",
+            show_default=False,
         ),
     ] = None,
     realtime: Annotated[

@@ -16,6 +16,7 @@ from armgate.campaign.store import Store
 from armgate.campaign.table import result_of
 from armgate.campaign.trials import KEY_DIGITS, canonical
 from armgate.campaign.trials import Trial as StoredTrial
+from armgate.cell.compilation import announced
 from armgate.experiment.experiment_file import Experiment
 from armgate.experiment.scene import Scene, build_scene
 from armgate.experiment.trials import Trial
@@ -167,7 +168,8 @@ def repeat(trials: Sequence[PlannedTrial], name: str, scene: Scene, folder: Path
         raise UsageError(f"--trial {name}: there is no such trial; expected one such as {some}")
     where = folder / "trials" / name
     shutil.rmtree(where, ignore_errors=True)
-    play_in_world(found[0].run, scene, where, record=True)
+    with announced():
+        play_in_world(found[0].run, scene, where, record=True)
     yield f"{where}: recording, series.csv and metrics.json; explain it with: armgate explain {where}"
     before = found[0]
     if not before.done:
