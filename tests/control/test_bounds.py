@@ -99,3 +99,10 @@ def test_the_chord_keeps_its_direction():
 def test_the_induced_motion_is_not_reduced_for_braking():
     induced = np.array([0.01, -0.004, 0.02])
     np.testing.assert_allclose(shape_chord(induced, induced, BOUNDS.step, BOUNDS.change), induced)
+
+
+def test_the_middle_of_the_range():
+    bounds = IncrementBounds(np.ones(2), np.ones(2), np.array([-1.0, 0.0]), np.array([3.0, 1.0]))
+    low, high = bounds.middle(0.5)
+    np.testing.assert_allclose(low, [0.0, 0.25])
+    np.testing.assert_allclose(high, [2.0, 0.75])
