@@ -78,6 +78,27 @@ def test_a_robot_that_stands_still_is_placed_once():
     assert clearance.certifier.queries <= queries + 1
 
 
+@pytest.mark.parametrize("compiled", FORMS)
+def test_witness_points_measure_a_pair_without_a_query_until_they_are_loose(compiled):
+    """Along the line between two balls the points stay the nearest ones; across it they do not."""
+    cell = scenes.build({"A": {"urdf": scenes.cart((1, 0, 0), (0, 1, 0)), "start": [0.0, 0.0]}},
+                        surroundings={"b": {"shape": {"sphere": 0.1}, "xyz": [1.0, 0, 0]}})  # fmt: skip
+    clearance = Clearance(cell, compiled)
+    nearest, certifier = nearest_pairs_of(clearance), clearance.certifier
+    (first_found,) = nearest.find(0, [(0.0, 0.0)], 1).values()
+    queries = certifier.queries
+    assert queries > 0
+    (along,) = nearest.find(0, [(0.2, 0.0)], 1).values()
+    assert certifier.queries == queries
+    assert along.distance == pytest.approx(first_found.distance - 0.2, abs=1e-8)
+    assert along.points == (pytest.approx(np.add(first_found.points[0], (0.2, 0, 0)), abs=1e-6),
+                            pytest.approx(first_found.points[1], abs=1e-6))  # fmt: skip
+    (across,) = nearest.find(0, [(0.2, 0.3)], 1).values()
+    assert certifier.queries == queries + 1
+    (fresh,) = nearest_pairs_of(Clearance(cell, compiled)).find(0, [(0.2, 0.3)], 1).values()
+    assert across.distance == pytest.approx(fresh.distance, abs=1e-8)
+
+
 def test_the_lowest_few_are_in_order_and_equal_values_in_the_order_of_their_places():
     margin = np.array([0.5, 0.1, 0.3, 0.1, np.inf, -0.2])
     for count, expected in ((1, [5]), (3, [5, 1, 3]), (4, [5, 1, 3, 2]), (9, [5, 1, 3, 2, 0, 4])):
