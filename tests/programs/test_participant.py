@@ -186,3 +186,15 @@ def test_the_context_names_the_robot_and_the_seed(planar: Cell) -> None:
     assert (context.own, context.seed) == ("P", 7)
     assert context.cell.description.name == "planar"
     assert context.cell.urdf("P") == planar.robots[0].urdf
+
+
+def test_an_error_of_a_program_ends_all_sessions(planar: Cell) -> None:
+    world, broken = World(planar), Turn(what=lambda tick: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        run(world, {"one": Controller(lambda _: broken, "P"), "two": Controller(lambda _: Turn())})
+    assert all(client.ended for client in world.clients)
+
+
+def test_a_run_that_waits_for_an_unknown_participant_is_one_error(planar: Cell) -> None:
+    with pytest.raises(ValueError, match="until: no participant x; expected one"):
+        run(World(planar), {"one": Controller(lambda _: Turn(), "P")}, until=["x"])

@@ -59,3 +59,11 @@ def test_a_folder_that_cannot_be_written_is_an_error_at_once(tmp_path, file):
     (tmp_path / "run").write_text("a file")
     with pytest.raises(OSError, match="run"):
         World.load(file, participants=["a"], recorders=[WorldRecorder(tmp_path / "run")])
+
+
+def test_a_step_after_the_end_of_the_recording_is_an_error(tmp_path, file):
+    with WorldRecorder(tmp_path / "run") as recorder:
+        world = World.load(file, participants=["a"], recorders=[recorder])
+        world.step()
+    with pytest.raises(ValueError, match="the recording is closed"):
+        world.step()

@@ -27,6 +27,10 @@ class WorldRun:
     Attributes:
         world: The world.
         participants: The participants by name.
+
+    Raises:
+        ValueError: ``until`` names other participants.
+        ClientError: A lease or a subscription was refused.
     """
 
     def __init__(
@@ -36,6 +40,9 @@ class WorldRun:
         until: Sequence[str] = (),
         report: Report = ignore,
     ) -> None:
+        if strange := set(until) - set(controllers):
+            names = ", ".join(controllers)
+            raise ValueError(f"until: no participant {', '.join(sorted(strange))}; expected {names}")
         self.world = world
         self.participants = {
             name: Participant(world, name, controller, partial(report, name))
@@ -95,11 +102,17 @@ def run(
 
     Returns:
         The outcomes; None for a participant that had not ended.
+
+    Raises:
+        ValueError: ``until`` names other participants.
+        ClientError: A lease or a subscription was refused.
+        Exception: Any error of a program; the sessions of all participants are ended before.
     """
     running = WorldRun(world, controllers, until, report)
     begin = world.time
-    while (seconds is None or world.time - begin < seconds) and running.step():
-        observe()
-    outcomes = running.outcomes
-    running.close()
-    return outcomes
+    try:
+        while (seconds is None or world.time - begin < seconds) and running.step():
+            observe()
+        return running.outcomes
+    finally:
+        running.close()

@@ -45,6 +45,7 @@ class WorldRecorder:
 
         Raises:
             OSError: The record cannot be written.
+            ValueError: The recording is closed.
         """
         self._put(self._now(), Step(event, outputs))
 
@@ -53,6 +54,7 @@ class WorldRecorder:
 
         Raises:
             OSError: The records cannot be written.
+            ValueError: The recording is closed.
         """
         state = state_at(snapshot)
         if state is not None:
@@ -69,6 +71,8 @@ class WorldRecorder:
             self._parts.close()
 
     def _put(self, at: float, item: Item | StateAt) -> None:
+        if not self._begun:
+            raise ValueError("the recording is closed; close it after the last step of its world")
         self._parts.put(at, item)
         self._unflushed += 1
         if self._unflushed >= _FLUSH:
