@@ -12,8 +12,11 @@ from tools.simulate.findings import Findings
 _SETTLED = 1.0
 """Time after which a client that reads has caught up, s."""
 
-_STEPS = 10
-"""Steps of lock-step after which a command has its verdict: longer than the longest period of a robot."""
+_STEPS = 100
+"""Steps of lock-step after which a command that has arrived has its verdict.
+
+A client that sends several commands for one tick is ahead: each waits for a further tick of its robot.
+"""
 
 
 def _interrupted(before: m.State, state: m.State) -> bool:
