@@ -34,7 +34,19 @@ class Fault:
 
 
 _CLIENT = ("cut", "block", "deaf", "mute", "stall", "kill", "loss", "delay", "vanish")
-_DAEMON_KINDS = ("stall", "stall", "kill", "end", "long stall", "power", "power", "power", "clock")
+_DAEMON_KINDS = (
+    "stall",
+    "stall",
+    "kill",
+    "end",
+    "long stall",
+    "power",
+    "power",
+    "power",
+    "clock",
+    "slow",
+    "slow",
+)
 _SERVER_KINDS = ("stall", "kill", "end", "cut", "long stall")
 _DISK = ("slow disk", "full disk", "failing sync", "failing write", "failing create")
 _HOUR = 3600 * _S
@@ -122,6 +134,8 @@ class Faults:
                 self._stack.end_daemon(kill=True)
             case "power":
                 self._stack.power_failure()
+            case "slow":
+                life.process.slow(_S, round(min(fault.amount, 0.5) * _S / 10))
             case "clock":
                 self._machine.day_ns += _HOUR if fault.at % 2 else -_HOUR
             case _:

@@ -31,7 +31,7 @@ class Process:
         name: Name for the trace.
         loop: Its event loop.
         host: Address of its machine in the network.
-        stalled_until: End of its last pause, ns.
+        stalled_until: End of its last pause, or of a time in which its turns take long, ns.
         alive: True until it ends or is killed.
         result: Result of the coroutine; None if it was killed or has failed.
         error: Exception of the coroutine.
@@ -42,7 +42,7 @@ class Process:
         self.name, self.host, self.machine = name, host, machine
         self.loop = SimulatedLoop(self)
         self.alive = True
-        self.busy_until = self.stalled_until = 0
+        self.busy_until = self.stalled_until = self._slow_until = self._slow_ns = 0
         self.sockets: dict[int, Any] = {}
         self.result: Any = None
         self.error: BaseException | None = None
@@ -74,6 +74,16 @@ class Process:
         self.busy_until = max(self.busy_until, self.machine.now) + ns
         self.stalled_until = self.busy_until
         self.next_wake = None
+
+    def slow(self, ns: int, turn_ns: int) -> None:
+        """Let turns take up to ``turn_ns`` longer for some time, as on a machine that is overloaded."""
+        self._slow_ns, self._slow_until = turn_ns, self.machine.now + ns
+        self.stalled_until = max(self.stalled_until, self._slow_until)
+
+    @property
+    def delay_ns(self) -> int:
+        """Longest additional time of a turn, ns."""
+        return self._slow_ns if self.machine.now < self._slow_until else 0
 
     def signal(self, number: int) -> None:
         """Send a signal; without a handler it kills the process."""
@@ -274,5 +284,7 @@ class Machine:
         self.current = None
         asyncio._set_running_loop(None)
         process.exit_if_over()
-        process.busy_until = max(process.busy_until, self.now + self._random.randint(*_TURN_NS))
+        shortest, longest = _TURN_NS
+        used = self._random.randint(shortest, longest + process.delay_ns)
+        process.busy_until = max(process.busy_until, self.now + used)
         process.next_wake = None
