@@ -113,7 +113,8 @@ class RawClient:
     async def live(self) -> None:
         """Act until the connection ends."""
         while self.wire.open and not self.setting.over:
-            await asyncio.sleep(self.setting.pace * self.rng.uniform(*self.pause))
+            pace = 1.0 if self.setting.calm else self.setting.pace
+            await asyncio.sleep(pace * self.rng.uniform(*self.pause))
             if self.wire.open and self.ready:
                 self.act()
 
