@@ -136,3 +136,15 @@ def test_a_trial_in_a_world_has_the_figures_of_its_processes(
     assert series[0].count(b"\n") > 150
     assert series[0] == series[1]
     assert figures(tmp_path / "sockets") == figures(tmp_path / "world")
+
+
+def test_a_run_whose_files_are_torn_is_not_done(tmp_path: Path) -> None:
+    run = Trial("approach", 0, 0.0, 1.0)
+    planned = PlannedTrial("k", "approach", "approach", 0, (), run, tmp_path)
+    assert not planned.done
+    (tmp_path / "series.csv").write_text("time\n")
+    for text, done in [("", False), ('{"case": ', False), ("\0" * 9, False), ("{}", True)]:
+        (tmp_path / "metrics.json").write_text(text)
+        assert planned.done == done
+    (tmp_path / "series.csv").unlink()
+    assert not planned.done

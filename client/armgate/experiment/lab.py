@@ -40,8 +40,12 @@ class PlannedTrial(StoredTrial):
 
     @property
     def done(self) -> bool:
-        """True if its folder holds its figures."""
-        return (self.folder / METRICS).is_file()
+        """True if its folder holds its series and figures; figures torn by a power failure do not count."""
+        try:
+            read_entry(self)
+        except (OSError, ValueError):
+            return False
+        return (self.folder / SERIES).is_file()
 
 
 @dataclass(frozen=True)
