@@ -8,7 +8,7 @@ import pytest
 from armgate.cell.cell import build_cell
 from armgate.protocol import encode
 from armgate.protocol import messages as m
-from armgate.protocol.unvalidated import unvalidated
+from armgate.protocol.unvalidated import assembled, unvalidated
 from armgate.world import World, signals, states, to_protocol
 from support.cells import arms_config
 from support.sessions import RandomSessions
@@ -19,14 +19,22 @@ def made(monkeypatch):
     """Compare every message that is built without validation with a validated one; count them by model."""
     made = Counter()
 
-    def compared(model, **values):
-        message, expected = unvalidated(model, **values), model(**values)
+    def same(message, expected):
         assert_same(message, expected)
-        made[model.__name__] += 1
+        made[type(message).__name__] += 1
         return message
 
-    for module in (to_protocol, states, signals):
+    def compared(model, **values):
+        return same(unvalidated(model, **values), model(**values))
+
+    def compared_whole(model, values, given=None):
+        set_ = {name: value for name, value in values.items() if given is None or name in given}
+        return same(assembled(model, values, given), model(**set_))
+
+    for module in (to_protocol, states):
         monkeypatch.setattr(module, "unvalidated", compared)
+    for module in (to_protocol, states, signals):
+        monkeypatch.setattr(module, "assembled", compared_whole)
     return made
 
 

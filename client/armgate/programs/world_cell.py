@@ -93,7 +93,7 @@ class Sender:
 
 def _valid(command: m.Command) -> m.Command:
     # All other fields come from messages of the world and from the session.
-    if len(command.dq) <= m.MAX_JOINTS and all(type(value) is float for value in command.dq):
+    if len(command.dq) <= m.MAX_JOINTS and {float}.issuperset(map(type, command.dq)):
         return command
     try:
         return m.Command(**command.__dict__)

@@ -119,6 +119,8 @@ class Leases:
         self.ttl = ttl
         self._states = dict.fromkeys(robots, LeaseState.FREE)
         self._grants: dict[str, Grant] = {}
+        # Robots of each session; empty after each change of a holder, because lock-step asks often.
+        self._robots: dict[str, frozenset[str]] = {}
         # Counted per robot, so that fences do not depend on the order in which other robots are acquired.
         self._fences = dict.fromkeys(self._states, 0)
 
@@ -134,9 +136,13 @@ class Leases:
         """Return all grants of one session."""
         return [grant for grant in self._grants.values() if grant.session == session]
 
-    def robots_of(self, session: str) -> set[str]:
+    def robots_of(self, session: str) -> frozenset[str]:
         """Return the robots that one session holds."""
-        return {robot for robot, grant in self._grants.items() if grant.session == session}
+        found = self._robots.get(session)
+        if found is None:
+            found = frozenset(robot for robot, grant in self._grants.items() if grant.session == session)
+            self._robots[session] = found
+        return found
 
     @property
     def sessions(self) -> set[str]:
@@ -179,11 +185,12 @@ class Leases:
     def renew(self, session: str, now: float, read_until: float | None = None) -> None:
         """Renew the session's leases that have not expired: the session sent a message."""
         expires = now + self.ttl
-        for grant in self.held_by(session):
-            if (now if read_until is None else read_until) < grant.expires:
-                self._move(grant.robot, LeaseEvent.RENEW)
-                if grant.expires != expires:  # equal in lock-step, in which no lease expires
-                    self._grants[grant.robot] = replace(grant, expires=expires)
+        for robot in self.robots_of(session):
+            grant = self._grants[robot]
+            # Equal in lock-step, in which no lease expires.
+            if grant.expires != expires and (now if read_until is None else read_until) < grant.expires:
+                self._move(robot, LeaseEvent.RENEW)
+                self._grants[robot] = replace(grant, expires=expires)
 
     def release(self, robot: str, session: str, fence: int, now: float) -> Grant | Denial:
         """Release a lease; return the grant that ended."""
@@ -203,6 +210,7 @@ class Leases:
     def drop(self, session: str) -> list[Loss]:
         """End the leases of a session whose connection ended."""
         robots = [grant.robot for grant in self.held_by(session)]
+        self._robots.pop(session, None)
         return [self._lose(robot, LeaseEvent.DROP, "the holder's connection ended") for robot in robots]
 
     def stop(self, robots: Iterable[str], reason: str) -> list[Loss]:
@@ -244,6 +252,7 @@ class Leases:
         self._fences[robot] += 1
         grant = Grant(robot, session, self._fences[robot], speed, now + self.ttl, displaced)
         self._grants[robot] = replace(grant, displaced=None)
+        self._robots.clear()
         return grant
 
     def _lose(self, robot: str, event: LeaseEvent, reason: str) -> Loss:
@@ -252,6 +261,7 @@ class Leases:
 
     def _end(self, robot: str, event: LeaseEvent) -> Grant:
         self._move(robot, event)
+        self._robots.clear()
         return self._grants.pop(robot)
 
     def _move(self, robot: str, event: LeaseEvent) -> None:

@@ -16,6 +16,9 @@ M = TypeVar("M", bound=Message | Part)
 _DEFAULTS: dict[type, dict[str, Any]] = {}
 """Defaults of each model that was built before."""
 
+_ALL: dict[type, set[str]] = {}
+"""Names of the fields of each model that was assembled before."""
+
 # The attributes of every model, which pydantic's own `model_construct` sets, too. It is slower because it
 # supports aliases and extra fields; setting them by name would be slower, too.
 _slots = vars(BaseModel)
@@ -33,6 +36,22 @@ def unvalidated(model: type[M], **values: object) -> M:
     message: M = object.__new__(model)
     _set_values(message, (_DEFAULTS.get(model) or _defaults(model)) | values)
     _set_given(message, set(values))
+    _set_extra(message, None)
+    _set_private(message, None)
+    return message
+
+
+def assembled(model: type[M], values: dict[str, Any], given: set[str] | None = None) -> M:
+    """Return a message or a part of one from the values of all its fields; faster than `unvalidated`.
+
+    Args:
+        model: Type of the message.
+        values: Values of all fields, in the order of the model; the message keeps this dict.
+        given: Names of the fields that are not left at their defaults, shared with the message; None: all.
+    """
+    message: M = object.__new__(model)
+    _set_values(message, values)
+    _set_given(message, given or _ALL.get(model) or _ALL.setdefault(model, set(model.model_fields)))
     _set_extra(message, None)
     _set_private(message, None)
     return message

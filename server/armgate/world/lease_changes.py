@@ -68,7 +68,7 @@ class Leasing:
         grant = self._leases.holder(robot)
         return None if grant is None else self._peers[grant.session].client.name
 
-    def held_by(self, session: str) -> set[str]:
+    def held_by(self, session: str) -> frozenset[str]:
         """Return the robots that a session holds."""
         return self._leases.robots_of(session)
 

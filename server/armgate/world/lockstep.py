@@ -141,8 +141,9 @@ class Lockstep:
 
     def handle(self, peer: Peer, request: ClientRequest) -> None:
         """Process a request in this step, or in the next one if its participant is done with this one."""
-        if self._takes_part(peer):
-            self._handle_participant(peer, request)
+        name = peer.client.name
+        if self._sessions.get(name) is peer:
+            self._handle_participant(name, peer, request)
         else:
             self._handle_other(peer, request)
         if type(request) not in _END_NO_STEP:
@@ -163,12 +164,11 @@ class Lockstep:
     def _takes_part(self, peer: Peer) -> bool:
         return self._sessions.get(peer.client.name) is peer
 
-    def _held_by(self, name: str) -> set[str]:
+    def _held_by(self, name: str) -> frozenset[str]:
         peer = self._sessions.get(name)
-        return set() if peer is None else self._core.leasing.held_by(peer.client.id)
+        return frozenset() if peer is None else self._core.leasing.held_by(peer.client.id)
 
-    def _handle_participant(self, peer: Peer, request: ClientRequest) -> None:
-        name = peer.client.name
+    def _handle_participant(self, name: str, peer: Peer, request: ClientRequest) -> None:
         self._barrier.note_message(name, self._wall())
         if self._barrier.done(name) and not isinstance(request, m.Ping):
             self._keep(peer, request)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
-from armgate.protocol.unvalidated import unvalidated
+from armgate.protocol.unvalidated import assembled, unvalidated
 from armgate.world import to_protocol
 from armgate.world.interfaces import Encoded, Peer
 
@@ -199,12 +199,15 @@ def _newer(waiting: dict[str, LatestState], newer: dict[str, LatestState]) -> di
 
 
 def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
-    wanted = ("robot", "tick", "time", *fields)
-    entries = tuple(
-        unvalidated(m.Entry, **{name: getattr(entry, name) for name in wanted}) for entry in state.entries
-    )
-    given: dict[str, Any] = {name: getattr(state, name) for name in state.model_fields_set}
-    return unvalidated(m.State, **{**given, "entries": entries})
+    given = {"robot", "tick", "time", *fields}
+    entries = tuple([_with(entry, given) for entry in state.entries])
+    return assembled(m.State, {**state.__dict__, "entries": entries}, state.model_fields_set)
+
+
+def _with(entry: m.Entry, given: set[str]) -> m.Entry:
+    """Return an entry with these fields only; the others are absent, which is None."""
+    fields = {name: value if name in given else None for name, value in entry.__dict__.items()}
+    return assembled(m.Entry, fields, given)
 
 
 def _check_known(what: str, given: Sequence[str], known: Sequence[str], code: ErrorCode) -> None:

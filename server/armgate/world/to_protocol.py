@@ -12,7 +12,7 @@ from typing import TypeVar
 from armgate import events
 from armgate.gate import RobotView
 from armgate.protocol import messages as m
-from armgate.protocol.unvalidated import unvalidated
+from armgate.protocol.unvalidated import assembled, unvalidated
 
 A = TypeVar("A", bound=m.Answer)
 
@@ -51,24 +51,24 @@ def verdict(given: events.Verdict) -> m.Verdict:
 
 def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
     """Return the entry of one robot in a state."""
-    return unvalidated(
-        m.Entry,
-        robot=robot,
-        tick=view.tick,
-        time=view.time,
-        q=view.q,
-        setpoint=view.setpoint,
-        applied_seq=view.applied_seq,
-        stop_end=view.stop_end,
-        nearest=tuple([_nearest(nearest) for nearest in view.nearest[: m.MAX_NEAREST]]),
-        least_clearance=_finite(view.least_clearance),
-        holder=holder,
-        stops=stops(view.stops),
-        link=str(view.link),
-        verdict=None if view.verdict is None else _last(view.verdict),
-        counts=dict(view.counts),
-        late_commands=view.late,
-    )
+    fields = {
+        "robot": robot,
+        "tick": view.tick,
+        "time": view.time,
+        "q": view.q,
+        "setpoint": view.setpoint,
+        "applied_seq": view.applied_seq,
+        "stop_end": view.stop_end,
+        "nearest": tuple([_nearest(nearest) for nearest in view.nearest[: m.MAX_NEAREST]]),
+        "least_clearance": _finite(view.least_clearance),
+        "holder": holder,
+        "stops": stops(view.stops),
+        "link": str(view.link),
+        "verdict": None if view.verdict is None else _last(view.verdict),
+        "counts": dict(view.counts),
+        "late_commands": view.late,
+    }
+    return assembled(m.Entry, fields)
 
 
 def text(given: str, end: str = "") -> str:
@@ -133,13 +133,13 @@ def _reason(reason: events.Reason) -> m.Reason:
 
 
 def _nearest(nearest: events.Nearest) -> m.Nearest:
-    return unvalidated(
-        m.Nearest,
-        pair=nearest.pair,
-        distance=nearest.distance,
-        limit=nearest.limit,
-        points=nearest.points,
-    )
+    fields = {
+        "pair": nearest.pair,
+        "distance": nearest.distance,
+        "limit": nearest.limit,
+        "points": nearest.points,
+    }
+    return assembled(m.Nearest, fields)
 
 
 def _finite(value: float | None) -> float | None:

@@ -224,7 +224,8 @@ class World:
 
     def _handle(self, mailbox: Mailbox, request: ClientRequest) -> None:
         self._lockstep.handle(mailbox, request)
-        self._forget_closed()
+        if mailbox.closed:
+            self._forget_closed()
 
     def _forget_closed(self) -> None:
         """End the sessions that were closed after an error."""
