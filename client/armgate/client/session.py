@@ -46,6 +46,10 @@ CAPABILITIES = ("stop.replaces",)
 """Capabilities in hello: this client resets a stop only by the id that is in force."""
 
 
+_IN_COMMANDS = {"robot", "fence", "seq", "tick", "dq"}
+"""Fields of a command that count as set."""
+
+
 class MessageSender(Protocol):
     """Sending side of a session that exchanges messages as objects, such as that of a program in a world."""
 
@@ -120,14 +124,17 @@ class Session:
         session, so that an error with a ``seq`` identifies one command.
         """
         self.leases.check(robot, fence)
-        fields: dict[str, Any] = {
+        fields = {
+            "type": "command",
             "robot": robot,
             "fence": fence,
             "seq": self._seq + 1,
             "tick": tick,
             "dq": _increment(dq),
+            "deadline": None,
+            "horizon": None,
         }
-        data = self._send(unvalidated(Command, **fields))
+        data = self._send(unvalidated(Command, fields, _IN_COMMANDS))
         self._seq += 1
         return self._seq, data
 
@@ -158,7 +165,8 @@ class Session:
     def _signal(self, name: str, value: tuple[float, ...]) -> Signal:
         """Return a signal; a name is validated once, as controllers share the same ones at every tick."""
         if type(name) is str and name in self._names and _fits_signal(value):
-            return unvalidated(Signal, name=name, value=value, id=self._ids)
+            fields = {"type": "signal", "id": self._ids, "name": name, "value": value}
+            return unvalidated(Signal, fields)
         signal: Signal = build(Signal, name=name, value=value, id=self._ids)
         self._names.add(name)
         return signal
@@ -362,6 +370,6 @@ def _number(value: Any) -> Any:
 
 def _vector(name: str, value: Iterable[float] | float) -> tuple[float, ...]:
     try:
-        return tuple(map(float, value)) if isinstance(value, Iterable) else (float(value),)
+        return tuple(map(float, value)) if hasattr(value, "__iter__") else (float(value),)
     except (TypeError, ValueError):
         raise BadArgument(f"signal {name}: expected a number or numbers, got {value!r:.60}") from None

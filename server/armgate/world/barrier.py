@@ -39,7 +39,9 @@ class Barrier:
         held_by: Returns the robots that a participant holds, by its name.
     """
 
-    def __init__(self, participants: Iterable[str], grace: float, held_by: Callable[[str], frozenset[str]]) -> None:
+    def __init__(
+        self, participants: Iterable[str], grace: float, held_by: Callable[[str], frozenset[str]]
+    ) -> None:
         self._participants = {name: _Participant() for name in participants}
         self._grace = grace
         self._held_by = held_by

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from armgate.cell.config import ServerConfig, SignalRuleConfig
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol.messages import MAX_SIGNALS, SignalValue
-from armgate.protocol.unvalidated import assembled
+from armgate.protocol.unvalidated import unvalidated
 from armgate.world.interfaces import Client
 from armgate.world.token_bucket import TokenBucket
 
@@ -78,7 +78,7 @@ class Signals:
             self._owners[name] = client
         # A new dict in the order of the names: states that were handed out do not change, and their order
         # does not depend on the order in which clients set signals.
-        newest = assembled(SignalValue, {"owner": client.name, "value": value, "time": now})
+        newest = unvalidated(SignalValue, {"owner": client.name, "value": value, "time": now})
         values = {**self._values, name: newest}
         self._values = values if owner is not None else dict(sorted(values.items()))
 

@@ -7,12 +7,12 @@ client has not come when the next state of a robot is due, the newer state repla
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from armgate.events import Tick
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
-from armgate.protocol.unvalidated import assembled, unvalidated
+from armgate.protocol.unvalidated import unvalidated
 from armgate.world import to_protocol
 from armgate.world.interfaces import Encoded, Peer
 
@@ -20,6 +20,10 @@ FIELDS: tuple[str, ...] = tuple(
     name for name in m.Entry.model_fields if name not in ("robot", "tick", "time")
 )
 """Fields of an entry in addition to robot, tick and time, in the order of the message."""
+
+_BY_THE_WALL_CLOCK = set(m.State.model_fields) - {"type", "re", "step"}
+_IN_LOCKSTEP = {*_BY_THE_WALL_CLOCK, "step"}
+"""Fields of a state that count as set."""
 
 Defer = Callable[[Peer, Callable[[], None]], None]
 """Function that calls a function in the turn of a client."""
@@ -180,17 +184,18 @@ class States:
 
 def _state(snapshot: Snapshot, tick: Tick) -> m.State:
     # The parts are valid already: validating them again would cost more than the rest of this function.
-    fields: dict[str, Any] = {} if snapshot.step is None else {"step": snapshot.step}
-    return unvalidated(
-        m.State,
-        robot=tick.robot,
-        tick=tick.tick,
-        time=tick.time,
-        entries=snapshot.entries,
-        signals=snapshot.signals,
-        warnings=snapshot.warnings,
-        **fields,
-    )
+    fields = {
+        "type": "state",
+        "re": None,
+        "robot": tick.robot,
+        "tick": tick.tick,
+        "time": tick.time,
+        "step": snapshot.step,
+        "entries": snapshot.entries,
+        "signals": snapshot.signals,
+        "warnings": snapshot.warnings,
+    }
+    return unvalidated(m.State, fields, _BY_THE_WALL_CLOCK if snapshot.step is None else _IN_LOCKSTEP)
 
 
 def _newer(waiting: dict[str, LatestState], newer: dict[str, LatestState]) -> dict[str, LatestState]:
@@ -201,13 +206,13 @@ def _newer(waiting: dict[str, LatestState], newer: dict[str, LatestState]) -> di
 def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
     given = {"robot", "tick", "time", *fields}
     entries = tuple([_with(entry, given) for entry in state.entries])
-    return assembled(m.State, {**state.__dict__, "entries": entries}, state.model_fields_set)
+    return unvalidated(m.State, {**state.__dict__, "entries": entries}, state.model_fields_set)
 
 
 def _with(entry: m.Entry, given: set[str]) -> m.Entry:
     """Return an entry with these fields only; the others are absent, which is None."""
     fields = {name: value if name in given else None for name, value in entry.__dict__.items()}
-    return assembled(m.Entry, fields, given)
+    return unvalidated(m.Entry, fields, given)
 
 
 def _check_known(what: str, given: Sequence[str], known: Sequence[str], code: ErrorCode) -> None:

@@ -12,9 +12,12 @@ from typing import TypeVar
 from armgate import events
 from armgate.gate import RobotView
 from armgate.protocol import messages as m
-from armgate.protocol.unvalidated import assembled, unvalidated
+from armgate.protocol.unvalidated import unvalidated
 
 A = TypeVar("A", bound=m.Answer)
+
+_WITHOUT_REASON = {"seq", "outcome"}
+"""Fields of a last verdict without reasons that count as set."""
 
 
 def answer(model: type[A], request: m.Request | None, **fields: object) -> A:
@@ -29,24 +32,25 @@ def answer(model: type[A], request: m.Request | None, **fields: object) -> A:
 
 def signaled(request: m.Signal) -> m.Signaled:
     """Return the answer to a signal: that of `answer`, for a message that is sent many times per step."""
-    repeated = {} if request.id is None else {"re": request.id}
-    return unvalidated(m.Signaled, name=request.name, **repeated)
+    fields = {"type": "signaled", "re": request.id, "name": request.name}
+    return unvalidated(m.Signaled, fields, {"name"} if request.id is None else None)
 
 
 def verdict(given: events.Verdict) -> m.Verdict:
     """Return a verdict as its sender receives it."""
-    return unvalidated(
-        m.Verdict,
-        robot=given.robot,
-        seq=given.seq,
-        tick=given.based_on,
-        target=given.target,
-        outcome=str(given.outcome),
-        beta=given.beta,
-        dq=given.dq,
-        setpoint=given.setpoint,
-        reasons=reasons(given.reasons),
-    )
+    fields = {
+        "type": "verdict",
+        "robot": given.robot,
+        "seq": given.seq,
+        "tick": given.based_on,
+        "target": given.target,
+        "outcome": str(given.outcome),
+        "beta": given.beta,
+        "dq": given.dq,
+        "setpoint": given.setpoint,
+        "reasons": reasons(given.reasons),
+    }
+    return unvalidated(m.Verdict, fields)
 
 
 def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
@@ -68,7 +72,7 @@ def entry(robot: str, view: RobotView, holder: str | None) -> m.Entry:
         "counts": dict(view.counts),
         "late_commands": view.late,
     }
-    return assembled(m.Entry, fields)
+    return unvalidated(m.Entry, fields)
 
 
 def text(given: str, end: str = "") -> str:
@@ -108,16 +112,11 @@ def warnings(given: Iterable[str]) -> tuple[str, ...]:
 
 
 def _last(given: events.Verdict) -> m.LastVerdict:
+    fields = {"seq": given.seq, "outcome": str(given.outcome), "cause": None, "text": ""}
     if not given.reasons:
-        return unvalidated(m.LastVerdict, seq=given.seq, outcome=str(given.outcome))
+        return unvalidated(m.LastVerdict, fields, _WITHOUT_REASON)
     first = given.reasons[0]
-    return unvalidated(
-        m.LastVerdict,
-        seq=given.seq,
-        outcome=str(given.outcome),
-        cause=str(first.cause),
-        text=text(first.text),
-    )
+    return unvalidated(m.LastVerdict, fields | {"cause": str(first.cause), "text": text(first.text)})
 
 
 def _reason(reason: events.Reason) -> m.Reason:
@@ -139,7 +138,7 @@ def _nearest(nearest: events.Nearest) -> m.Nearest:
         "limit": nearest.limit,
         "points": nearest.points,
     }
-    return assembled(m.Nearest, fields)
+    return unvalidated(m.Nearest, fields)
 
 
 def _finite(value: float | None) -> float | None:
