@@ -137,6 +137,15 @@ def test_a_symbolic_link_in_place_of_the_report_is_replaced_and_its_target_stays
     assert "<html" in (folder / "report.html").read_text()
 
 
+@pytest.mark.parametrize(("file", "text"), [("none/report.html", "there is no folder"), (".", "is a folder")])
+def test_a_place_for_the_report_that_cannot_be_written_is_wrong_use_before_the_recording_is_read(
+    tmp_path, file, text
+):
+    ended = command("report", tmp_path / "no-recording", "--out", tmp_path / file)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith(f"armgate: --out {tmp_path / file}: {text}")
+
+
 def test_symbolic_links_in_place_of_recovery_files_are_not_followed(tmp_path):
     folder, target = tmp_path / "run", tmp_path / "precious"
     folder.mkdir()

@@ -1,10 +1,13 @@
 """Session of the SDK without sockets; times are arguments."""
 
+import socket
+
 import pytest
 
 from armgate.client import BadArgument, ConnectionLost, Lost, Refused, Rejected, Tick, TimedOut
 from armgate.client import errors as client_errors
 from armgate.client.pending import KEPT_VERDICTS
+from armgate.client.security import no_connection
 from armgate.client.session import Session, build
 from armgate.protocol import CODES, Connection, ErrorCode, Side
 from armgate.protocol import messages as m
@@ -162,6 +165,20 @@ def test_the_text_of_every_code_contains_its_advice():
         assert CODES[code].advice in str(client_errors.Refused(error))
     later = m.Error(code="code_of_a_later_version", text="t", fatal=False)
     assert str(client_errors.Refused(later)) == "a message was refused: code_of_a_later_version: t"
+
+
+def test_a_remedy_in_the_text_of_an_error_is_not_followed_by_the_advice_of_its_code():
+    text = "FR is held by lead; wait, or take it over as an operator"
+    error = m.Error(code="leased", text=text, fatal=False, about="acquire")
+    assert str(client_errors.Refused(error)) == f"acquire was refused: leased: {text}"
+    fatal = m.Error(code="unauthorized", text="the token has expired; connect with a valid one", fatal=True)
+    assert str(Rejected(fatal)).endswith("unauthorized: the token has expired; connect with a valid one")
+
+
+def test_an_unknown_host_is_explained_as_such():
+    error = socket.gaierror(socket.EAI_NONAME, "Name or service not known")
+    text = "no connection to nohost:7411: Name or service not known; check the host"
+    assert str(no_connection("nohost:7411", error)) == text
 
 
 def test_absent_fields_and_robots_of_a_tick_are_explained():

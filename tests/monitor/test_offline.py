@@ -50,6 +50,19 @@ def test_every_state_is_checked_and_counted(run, tmp_path):
     assert {one["kind"] for one in found["smallest"]} == {"surroundings", "self"}
 
 
+@pytest.mark.parametrize(("file", "text"), [("none/found.json", "there is no folder"), (".", "is a folder")])
+def test_a_place_for_the_summary_that_cannot_be_written_is_wrong_use_before_the_check(
+    run, tmp_path, file, text
+):
+    place = tmp_path / file
+    status, out, err = monitor(run, "--json", place)
+    assert (status, out) == (2, "")
+    assert err.startswith(f"armgate: --json {place}: {text}")
+    status, _, err = monitor("127.0.0.1:9", "cell.yaml", "--json", place)
+    assert status == 2
+    assert err.startswith(f"armgate: --json {place}: {text}")
+
+
 def test_violations_of_a_stricter_configuration_are_reported_with_tick_pair_and_numbers(run, tmp_path):
     tree = demo(ARM)
     tree["stop_distance"] = 0.3

@@ -106,6 +106,9 @@ class RobotStopped(Lost):
 
 
 def _explained(error: Error) -> str:
+    """Return code, text and remedy; a text of the form "reason; remedy" already contains its own remedy."""
+    if ";" in error.text:
+        return f"{error.code}: {error.text}"
     known = error.code in ErrorCode.__members__.values()
     advice = f"; {CODES[ErrorCode(error.code)].advice}" if known else ""
     return f"{error.code}: {error.text}{advice}"

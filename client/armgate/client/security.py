@@ -2,6 +2,7 @@
 
 import ipaddress
 import os
+import socket
 import ssl
 from pathlib import Path
 from typing import Any
@@ -86,6 +87,8 @@ def no_connection(address: str, error: OSError) -> ConnectionLost:
         text = f"{error.verify_message}; give the CA of the server's certificate (tls=…, --ca FILE)"
     elif isinstance(error, ssl.SSLError):
         text = f"{_reason(error)}; does the daemon use TLS?"
+    elif isinstance(error, socket.gaierror):
+        text = f"{error.strerror}; check the host"
     else:
         text = f"{error.strerror or error}; is `armgate serve` running there?"
     return ConnectionLost(f"no connection to {address}: {text}")

@@ -53,6 +53,7 @@ def monitor(
     """
     from armgate.monitor.errors import DescriptionError
 
+    _check_json(json_)
     configs = tuple(config or ())
     if is_recording(source):
         from armgate.monitor.offline import check_recording
@@ -65,6 +66,23 @@ def monitor(
     if not configs:
         raise DescriptionError("no configuration given; give the configuration of the cell after the address")
     _watch(source, configs, silence, json_, name, login(token_file, ca, cert, key))
+
+
+def _check_json(file: Path | None) -> None:
+    """Check that the summary can be written to this place, before a run that may take hours.
+
+    Raises:
+        DescriptionError: Its folder does not exist, or it is a folder itself.
+    """
+    from armgate.monitor.errors import DescriptionError
+
+    if file is None:
+        return
+    if not file.parent.is_dir():
+        text = f"there is no folder {file.parent}; create it, or choose another file"
+        raise DescriptionError(f"--json {file}: {text}")
+    if file.is_dir():
+        raise DescriptionError(f"--json {file}: is a folder; expected the name of a file")
 
 
 def _watch(  # type: ignore[no-untyped-def]

@@ -3,7 +3,7 @@
 Tree::
 
     MonitorError            the monitor failed (exit status 1)
-    └── DescriptionError    it cannot read its input (exit status 2)
+    └── DescriptionError    it cannot read its input, or write its output (exit status 2)
 """
 
 
@@ -14,6 +14,6 @@ class MonitorError(Exception):
 
 
 class DescriptionError(MonitorError):
-    """The monitor cannot read a configuration, URDF or mesh; the text names the place."""
+    """The monitor cannot read a configuration, URDF or mesh, or write its summary; the text names the file."""
 
     exit_code = 2

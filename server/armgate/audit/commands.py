@@ -109,6 +109,7 @@ def report(
     from armgate.recording import Recording
     from armgate.recording.files import atomic_write
 
+    _check_out(out)
     text = report_page(Recording.open(run))
     file = out or (run if run.is_dir() else run.parent) / "report.html"
     if out is None:
@@ -117,6 +118,22 @@ def report(
     else:
         file.write_text(text, encoding="utf-8", errors="replace")
     typer.echo(f"written: {file}")
+
+
+def _check_out(file: Path | None) -> None:
+    """Check that a file can be written to this place, before the work on a long recording.
+
+    Raises:
+        UseError: Its folder does not exist, or it is a folder itself.
+    """
+    from armgate.audit.errors import UseError
+
+    if file is None:
+        return
+    if not file.parent.is_dir():
+        raise UseError(f"--out {file}: there is no folder {file.parent}; create it, or choose another file")
+    if file.is_dir():
+        raise UseError(f"--out {file}: is a folder; expected the name of a file")
 
 
 def audit(

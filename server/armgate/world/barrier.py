@@ -103,7 +103,7 @@ class Barrier:
             RemoteProtocolError: ``wrong_step``: it names another step.
         """
         if step != self._step:
-            text = f"pass for step {step}; the current one is {self._step}"
+            text = f"pass for step {step}; the current one is {self._step}, as in the newest state"
             raise RemoteProtocolError(ErrorCode.WRONG_STEP, text, about="pass")
         self._participants[name].passed = True
 

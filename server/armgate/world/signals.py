@@ -135,7 +135,7 @@ class Signals:
         if bucket is None:
             bucket = self._buckets[session] = TokenBucket(self._rate, self._burst, now)
         if not bucket.take(now):
-            text = f"more than {self._rate:g} signals per second; this one was dropped"
+            text = f"more than {self._rate:g} signals per second; this one was dropped, send them less often"
             raise RemoteProtocolError(ErrorCode.SIGNAL_RATE, text, about="signal")
 
 
