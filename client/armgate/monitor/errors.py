@@ -14,6 +14,6 @@ class MonitorError(Exception):
 
 
 class DescriptionError(MonitorError):
-    """The monitor cannot read a configuration, URDF or mesh, or write its summary; the text names the file."""
+    """The monitor cannot read a configuration, URDF or mesh, or write its summary; the text names it."""
 
     exit_code = 2

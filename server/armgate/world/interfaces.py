@@ -120,7 +120,7 @@ class Peer(Protocol):
         """Send states; each replaces an older unsent one of the same robot."""
 
     def keep_states(self) -> None:
-        """Send every state from now on, in order: none is replaced or dropped."""
+        """Send every state from now on, in order, without replacing or dropping any."""
 
     def drop_states(self) -> None:
         """Drop unsent states: they belong to a subscription that has ended."""
