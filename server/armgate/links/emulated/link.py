@@ -1,7 +1,6 @@
 """Link to a robot that is emulated in the same process."""
 
 from collections.abc import Sequence
-from operator import add
 
 from armgate.emulator import EmulatedRobot
 from armgate.events import Joints, Rebase, Tick
@@ -41,7 +40,7 @@ class EmulatedLink(PlanPlayer):
         q = self._robot.q if first else self._robot.step(self._setpoint)
         played = self.play()
         increment = self._rest if played.increment is None else played.increment
-        self._setpoint = tuple(map(add, self._setpoint, increment))
+        self._setpoint = tuple([p + u for p, u in zip(self._setpoint, increment, strict=True)])
         return Tick(
             robot=self.robot,
             tick=self.tick,
