@@ -5,7 +5,7 @@ import random
 import pytest
 
 from armgate.audit.recover import recover_recording
-from armgate.recording import Gap, IncompleteError, Recording, Step
+from armgate.recording import Gap, IncompleteError, Recording, RecordingError, Step
 from armgate.recording.scan import scan
 from support import records
 from support.clients import run
@@ -112,6 +112,31 @@ def test_a_file_that_is_damaged_again_keeps_both_originals(tmp_path):
     file.write_bytes(data)
     (two,) = recover_recording(tmp_path)
     assert [one.original.name, two.original.name] == [f"{file.name}.damaged", f"{file.name}.damaged-2"]
+
+
+def zeros(data, chunks):
+    """Fill every chunk with zeros, as after a power failure."""
+    for chunk in chunks:
+        data[chunk.offset : chunk.end] = bytes(chunk.end - chunk.offset)
+
+
+def test_a_file_of_which_nothing_can_be_read_stays_unchanged(tmp_path):
+    file = damaged(tmp_path, zeros, close=False)
+    before = file.read_bytes()
+    with pytest.raises(RecordingError, match="nothing can be recovered"):
+        recover_recording(tmp_path)
+    assert [(f.name, f.read_bytes()) for f in tmp_path.iterdir()] == [(file.name, before)]
+
+
+async def test_a_last_part_of_which_nothing_can_be_read_is_set_aside(tmp_path):
+    records.write(tmp_path, range(40))
+    file = damaged(tmp_path, zeros, part=2, close=False)
+    before = file.read_bytes()
+    status, text, _ = await run("recover", tmp_path)
+    kept = tmp_path / f"{file.name}.damaged"
+    assert (status, kept.read_bytes()) == (0, before)
+    assert "no message can be read; the damaged file is kept as" in text
+    assert ticks(tmp_path) == list(range(40))
 
 
 async def test_the_command_prints_what_was_lost(tmp_path):

@@ -46,7 +46,7 @@ class RecordingChecks:
             try:
                 self._check(life, _written(Path(name), files), replay)
             except RecordingError as error:
-                self._report(life, repr(error))
+                self._report(life, repr(error).replace(f"{name}/", ""))
         if replay:
             self._check_damaged(life, files)
 

@@ -204,11 +204,17 @@ def _recovery(one: "RecoveredFile") -> str:
         case "none":
             return "complete, nothing to recover"
         case "removed":
-            return "removed, it was empty"
+            return _removed(one)
         case "recovered":
             return _recovered_messages(one)
         case _:
             assert_never(one.action)
+
+
+def _removed(one: "RecoveredFile") -> str:
+    if one.original is None:
+        return "removed, it was empty"
+    return f"removed, no message can be read; the damaged file is kept as {one.original.name}"
 
 
 def _recovered_messages(one: "RecoveredFile") -> str:
