@@ -68,6 +68,20 @@ def test_an_acceleration_box(last, box):
     assert acceleration_box(last, 0.3, 0.2) == pytest.approx(box, abs=1e-15)
 
 
+@pytest.mark.parametrize("decel", [0.2, 0.3, 0.7, math.inf])
+@pytest.mark.parametrize("last", [0.0, -0.0, 0.1, -0.1, 0.2, -0.2, 0.3, -0.3, 0.57, -0.57])
+def test_increments_are_free_up_to_both_ends_of_the_acceleration_box_and_not_beyond(last, decel):
+    b = bounds(speed=math.inf, accel=0.3, decel=decel, lower=-math.inf, upper=math.inf)
+    low, high = acceleration_box(last, 0.3, decel)
+    for dq, allowed in [
+        (low, low),
+        (high, high),
+        (math.nextafter(low, -math.inf), low),
+        (math.nextafter(high, math.inf), high),
+    ]:
+        assert limit_increment((dq,), (last,), (0.0,), (0.0,), b, 1.0).u == (allowed,)
+
+
 def test_a_reason_has_the_joint_the_requested_increment_and_the_bound():
     shaped = limit_increment((-1.0,), (0.2,), (0.1,), (0.0,), bounds(speed=0.5, accel=0.3, decel=0.1), 1.0)
     speed, accel = shaped.reasons

@@ -329,9 +329,11 @@ class Session:
             self.closed = why
 
     def _send(self, message: Message) -> bytes:
-        self.check()
+        if self.closed is not None:
+            raise self.closed
+        delayed, self._delayed = self._delayed, b""
         try:
-            return self.delayed() + self._sender.send(message)
+            return delayed + self._sender.send(message)
         except LocalProtocolError as error:
             raise BadArgument(error.text) from error
 

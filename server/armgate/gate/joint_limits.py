@@ -58,12 +58,16 @@ def limit_increment(
 
 
 def _is_free(u: Joints, last: Joints, bounds: StepBounds, share: float) -> bool:
-    """Return True if no speed or acceleration bound binds: true for most commands, and cheap to check."""
+    """Return True if no speed or acceleration bound binds: true for most commands, and cheap to check.
+
+    The bounds are those of `acceleration_box`, written out: this runs for every joint of every command.
+    """
     for x, before, speed, accel, decel in zip(u, last, bounds.speed, bounds.accel, bounds.decel, strict=True):
         if abs(x) > share * speed:
             return False
-        low, high = acceleration_box(before, accel, decel)
-        if not low <= x <= high:
+        away, fast = (x, before) if before >= 0.0 else (-x, -before)
+        low = fast - decel if fast >= decel else -accel * (1.0 - fast / decel)
+        if not low <= away <= fast + accel:
             return False
     return True
 

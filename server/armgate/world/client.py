@@ -62,7 +62,7 @@ class WorldClient:
             SessionEndedError: The session has ended.
         """
         for message in messages:
-            if self.ended:
+            if self._mailbox.closed:
                 raise SessionEndedError(f"{message.type}: the session of {self.name} has ended; join again")
             self._handle(self._mailbox, message)
 

@@ -191,6 +191,8 @@ class Core:
 
     def _dispatch(self, peer: Peer, request: ClientRequest) -> None:  # noqa: PLR0912 (one case per message)
         match request:
+            case m.Signal():
+                self._signal(peer, request)
             case m.Command():
                 self.check_robot(request.robot, "command", request.seq)
                 self.command(peer, request)
@@ -199,8 +201,6 @@ class Core:
                 peer.send(to_protocol.answer(m.Pong, request, time=request.time, received=now, sent=now))
             case m.Subscribe():
                 self._states.subscribe(peer, request)
-            case m.Signal():
-                self._signal(peer, request)
             case m.Acquire():
                 self._apply(self.leasing.acquire(peer, request, self._lease_time()))
             case m.Release():

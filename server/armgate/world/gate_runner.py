@@ -1,6 +1,5 @@
 """The only caller of the gate. It carries plans to the links, and the links' answers back to the gate."""
 
-from collections import deque
 from collections.abc import Callable, Mapping
 from typing import assert_never
 
@@ -37,9 +36,9 @@ class GateRunner:
             The outputs that concern clients, in order.
         """
         for_clients: list[ClientOutput] = []
-        events = deque([event])
-        while events:
-            for output in self._step(events.popleft()):
+        events = [event]
+        for one in events:  # it grows by the answers of links
+            for output in self._step(one):
                 match output:
                     case Plan():
                         answer = self._links[output.robot].offer(output)

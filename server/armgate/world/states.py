@@ -21,6 +21,9 @@ FIELDS: tuple[str, ...] = tuple(
 )
 """Fields of an entry in addition to robot, tick and time, in the order of the message."""
 
+_ABSENT = dict.fromkeys(m.Entry.model_fields)
+"""Values of an entry whose fields are all absent, in the order of the message."""
+
 _BY_THE_WALL_CLOCK = set(m.State.model_fields) - {"type", "re", "step"}
 _IN_LOCKSTEP = {*_BY_THE_WALL_CLOCK, "step"}
 """Fields of a state that count as set."""
@@ -204,15 +207,16 @@ def _newer(waiting: dict[str, LatestState], newer: dict[str, LatestState]) -> di
 
 
 def _selected(state: m.State, fields: tuple[str, ...]) -> m.State:
-    given = {"robot", "tick", "time", *fields}
-    entries = tuple([_with(entry, given) for entry in state.entries])
+    names = ("robot", "tick", "time", *fields)
+    given = set(names)
+    entries = tuple([_with(entry, names, given) for entry in state.entries])
     return unvalidated(m.State, {**state.__dict__, "entries": entries}, state.model_fields_set)
 
 
-def _with(entry: m.Entry, given: set[str]) -> m.Entry:
-    """Return an entry with these fields only; the others are absent, which is None."""
-    fields = {name: value if name in given else None for name, value in entry.__dict__.items()}
-    return unvalidated(m.Entry, fields, given)
+def _with(entry: m.Entry, names: tuple[str, ...], given: set[str]) -> m.Entry:
+    """Return an entry with these fields only, as a tuple and as a set; the others are absent."""
+    values = entry.__dict__
+    return unvalidated(m.Entry, {**_ABSENT, **{name: values[name] for name in names}}, given)
 
 
 def _check_known(what: str, given: Sequence[str], known: Sequence[str], code: ErrorCode) -> None:
