@@ -4,7 +4,7 @@ from armgate import events as e
 
 
 def brief(item: e.GateEvent | e.GateOutput) -> str:
-    """Return a short text with the numbers that a difference would show in."""
+    """Return a short text with the numbers in which a difference would show."""
     match item:
         case e.Tick():
             return f"tick {item.robot} {item.tick} {item.time} {item.q} {item.increment} {item.index}"

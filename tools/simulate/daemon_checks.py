@@ -1,4 +1,4 @@
-"""Checks of a daemon from inside: its queues are bounded, and nothing is left of clients that are gone."""
+"""Checks of a daemon from inside: its queues are bounded, and it keeps no data of disconnected clients."""
 
 from typing import Any
 
@@ -42,7 +42,7 @@ class DaemonChecks:
             self._bound("unread bytes are bounded", session._connection.buffered, _READ)
 
     def idle(self, life: Life) -> None:
-        """Check that nothing is left of clients that are gone."""
+        """Check that no data of disconnected clients is kept."""
         daemon: Any = life.daemon
         core, sessions = daemon._core, daemon._sessions
         left = {
@@ -58,7 +58,7 @@ class DaemonChecks:
             "places": 0 if sessions._listener._limits.empty else 1,
         }
         some = {key: number for key, number in left.items() if number}
-        self._findings.check(not some, "nothing is left of clients", lambda: str(some))
+        self._findings.check(not some, "no data of disconnected clients", lambda: str(some))
 
     def _bound(self, invariant: str, value: int, bound: int) -> None:
         if value > bound:

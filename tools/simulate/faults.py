@@ -87,7 +87,7 @@ class Faults:
         clients: Processes of the clients by name.
 
     Attributes:
-        vanished: Hosts that are gone without a trace: their connections are not closed.
+        vanished: Hosts that have disappeared: their connections are not closed.
     """
 
     def __init__(

@@ -41,10 +41,10 @@ _PROBE = 8.0
 
 _ACCEPTED = 3
 _STEPS = 20
-"""Ticks of a lock-step that show that it goes on."""
+"""Ticks of a lock-step that show that it continues."""
 
 _LEAVE = 1.5
-"""Time in which nothing may be left of clients that are gone, s."""
+"""Time after which no data of disconnected clients may remain, s."""
 
 _EXPIRY = 0.6
 """Time after which a lease must have expired, beyond its time to live, s."""
@@ -306,7 +306,7 @@ class Simulation:
             self._findings.report("the stack works after faults", f"{probe.accepted}")
 
     def _probe_steps(self) -> None:
-        """Check that the lock-step goes on; a participant whose host vanished is dropped first."""
+        """Check that the lock-step continues; a participant whose host vanished is dropped first."""
         enough = self._stack.ticks + _STEPS
         self._run_for(_UNREACHABLE, lambda: self._stack.ticks >= enough)
         if self._stack.ticks < enough and not self._over():

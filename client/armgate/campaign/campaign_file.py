@@ -116,7 +116,7 @@ class ClaimConfig(ConfigModel):
     scenarios: tuple[Name, ...] = ()
     """Scenarios that count; absent: all."""
     controllers: tuple[Name, ...] = ()
-    """Controllers that count; absent: all but those of ``compared_with``."""
+    """Controllers that count; absent: all except those of ``compared_with``."""
 
     @model_validator(mode="after")
     def _one_goal(self) -> Self:

@@ -74,7 +74,7 @@ def _steps(axis: Axis, heights: Array, stroke: str) -> str:
 
 
 def _curve(axis: Axis, values: Sequence[float], stroke: str) -> str:
-    """Return the line; it has at most some hundred points, whatever the number of values."""
+    """Return the line; it has at most some hundred points, for any number of values."""
     ordered = np.sort(np.asarray(values, dtype=np.float64))
     kept = np.unique(np.linspace(0, len(ordered) - 1, 200).astype(int)) if len(ordered) else np.zeros(0, int)
     places, before = [], 0.0

@@ -1,7 +1,7 @@
 """Trials with commands: a daemon in lock-step, and a process or a thread for each controller.
 
 The result depends only on the controllers, not on their speed: time is virtual, and the series ends at the
-planned duration, or when the last awaited participant gives its robot back.
+planned duration, or when the last awaited participant releases its robot.
 """
 
 import os

@@ -36,7 +36,7 @@ class DaskPool:
     """Workers of a Dask cluster.
 
     Args:
-        plan: What the workers need.
+        plan: Input of the workers.
         scheduler: Address of the scheduler; None: a cluster on this machine.
         workers: Number of workers of the cluster on this machine.
 

@@ -34,7 +34,7 @@ class Campaign:
 
     Attributes:
         config: Its file.
-        basis: What the keys of the trials depend on, besides the file.
+        basis: Data on which the keys of the trials depend, besides the file.
         trials: All its trials.
     """
 
@@ -44,7 +44,7 @@ class Campaign:
 
     @classmethod
     def load(cls, file: Path) -> "Campaign":
-        """Read a campaign, and check all of it that can be checked before a trial runs.
+        """Read a campaign, and run all checks that are possible before a trial.
 
         Raises:
             ConfigError: The file, or the configuration of a cell, is not valid.
@@ -126,7 +126,7 @@ class MissingTrials:
     Attributes:
         trials: These trials.
         planned: Number of all trials.
-        plan: What the workers need.
+        plan: Input of the workers.
         attempts: Attempts of a trial whose worker ends.
     """
 

@@ -1,4 +1,4 @@
-"""Files that are complete or absent, whatever happens: temporary name, fsync, rename, fsync of the folder."""
+"""Files that are complete or absent after a crash: temporary name, fsync, rename, fsync of the folder."""
 
 import os
 from collections.abc import Callable

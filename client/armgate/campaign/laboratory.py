@@ -1,4 +1,4 @@
-"""Laboratory: runs the trials of one campaign in this process, and keeps what they share."""
+"""Laboratory: runs the trials of one campaign in this process, and keeps their shared data."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -40,7 +40,7 @@ class Laboratory:
 
     Args:
         campaign: The campaign.
-        basis: What the keys of the trials depend on.
+        basis: Data on which the keys of the trials depend.
 
     Raises:
         WorkerError: Versions on this machine differ from the basis.

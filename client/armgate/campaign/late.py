@@ -14,7 +14,7 @@ class LateProgram:
     """Program whose increments are sent some ticks after the state that they were computed from.
 
     The delay of each tick is ``delay`` plus a uniform share of ``jitter``, rounded to ticks. Order is kept:
-    an increment never overtakes an earlier one. Until the first increment is due, nothing is commanded.
+    an increment never overtakes an earlier one. Until the first increment is due, no command is sent.
     If several are due at once, the newest is sent, as by a client that reads its newest state.
 
     Args:

@@ -42,7 +42,7 @@ class LocalPool:
     """Pool of worker processes on this machine.
 
     Args:
-        plan: What the workers need.
+        plan: Input of the workers.
         workers: Number of workers.
     """
 
@@ -161,7 +161,7 @@ def _work(pipe: Any, plan: bytes, folder: str) -> None:
 
     Args:
         pipe: Receives batches, and sends results.
-        plan: What the worker needs.
+        plan: Input of the worker.
         folder: Folder of temporary files; the driver removes it, because workers are killed.
     """
     tempfile.tempdir = folder

@@ -11,7 +11,7 @@ from armgate.campaign.trials import Basis, Trial
 
 
 class Lab(Protocol):
-    """Runner of trials in a worker, which keeps what they share."""
+    """Runner of trials in a worker, which keeps their shared data."""
 
     def run(self, trial: Trial) -> Result:
         """Run a trial; an error of the trial is a failed result.
@@ -42,7 +42,7 @@ class CampaignPlan:
 
     Attributes:
         campaign: The campaign.
-        basis: What the keys of the trials depend on.
+        basis: Data on which the keys of the trials depend.
     """
 
     campaign: CampaignConfig

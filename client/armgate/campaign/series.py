@@ -1,4 +1,4 @@
-"""Series of one trial: what the robots did and what the gate decided, from a world or from a recording."""
+"""Series of one trial: motion of the robots and decisions of the gate, from a world or from a recording."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field

@@ -148,7 +148,7 @@ class Store:
 
 
 class _DiskErrors:
-    """Turns errors of the disk into one error of the campaign."""
+    """Context manager that turns errors of the disk into one error of the campaign."""
 
     def __init__(self, folder: Path, stored: Callable[[], int]) -> None:
         self._folder, self._stored = folder, stored

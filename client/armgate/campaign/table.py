@@ -79,7 +79,7 @@ def from_parquet(path: Path) -> list[Row]:
         columns = {name: table.column(name).to_pylist() for name in table.column_names}
     except (KeyboardInterrupt, SystemExit, MemoryError):
         raise
-    except BaseException as error:  # a damaged file is a panic in the library, which is no Exception
+    except BaseException as error:  # the library panics at a damaged file; its error is no Exception
         raise ValueError(f"{path}: not a table of results: {error}") from error
     if missing := [name for name in _FIXED if name not in columns]:
         raise ValueError(f"{path}: not a table of results: no column {missing[0]}")

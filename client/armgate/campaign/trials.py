@@ -69,7 +69,7 @@ def _trials(campaign: CampaignConfig, basis: Basis) -> Iterator[Trial]:
 
 
 class _Common:
-    """Hashes of what the trials of a scenario and a set of controllers share."""
+    """Hashes of the data that the trials of a scenario and a set of controllers share."""
 
     def __init__(self, campaign: CampaignConfig, basis: Basis) -> None:
         self._shared = {

@@ -1,7 +1,7 @@
 """Tick programs: controllers written as objects that return one increment per tick.
 
-A program neither waits nor knows how it is connected. `run` runs it on a connection to a daemon;
-`armgate.programs` runs the same program in a world, where it sends the same messages::
+A program does not wait, and does not depend on the kind of its connection. `run` runs it on a connection to a
+daemon; `armgate.programs` runs the same program in a world, where it sends the same messages::
 
     class Wave(TickProgram):
         def step(self, tick: Tick) -> Increments | None:

@@ -4,7 +4,7 @@ Importing this package registers ``armgate/Cell-v0``, ``armgate/Reach-v0`` and `
 ``gymnasium.make("armgate.env:armgate/Reach-v0")`` works. docs/env.md is the tutorial.
 
 - ``cell_env``: the environment; ``registration``: the three that are registered.
-- ``tasks``, ``reach``, ``follow``: goals, with their observations and rewards; ``transition``: what they see.
+- ``tasks``, ``reach``, ``follow``: goals, with their observations and rewards; ``transition``: their input.
 - ``actions``, ``observations``, ``info``: conversions between numbers of an agent and messages.
 - ``episode``, ``seat``: the world of an episode, and the agent as its client; ``places``: starts.
 - ``recordings``: recordings of episodes; ``vector``: several environments per worker process.

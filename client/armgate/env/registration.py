@@ -52,7 +52,7 @@ def follow_env(
     distance: float = 1.0,
     **options: Any,
 ) -> CellEnv:
-    """Return an environment with the task `Follow`: a leader plays a path, the agent's camera follows.
+    """Return an environment with the task `Follow`: the agent's camera follows a leader on a path.
 
     Args:
         cell: The cell; None: the demo cell.

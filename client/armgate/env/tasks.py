@@ -1,4 +1,4 @@
-"""Tasks: what an agent is rewarded for."""
+"""Tasks: goals and rewards of an agent."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -114,7 +114,7 @@ class Free:
 
 
 def positive(name: str, value: float) -> float:
-    """Return an argument of a task.
+    """Return an argument of a task that must be positive.
 
     Raises:
         EnvError: It is not a finite positive number.
@@ -128,7 +128,7 @@ def refuse_options(options: Mapping[str, Any], known: tuple[str, ...]) -> None:
     """Check that options of ``reset`` are known to the task.
 
     Raises:
-        EnvError: One is not.
+        EnvError: An option is unknown.
     """
     strange = sorted(set(options) - set(known))
     if strange:

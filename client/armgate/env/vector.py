@@ -105,7 +105,7 @@ class WorkerVectorEnv(VectorEnv):  # type: ignore[misc]
         return [slice(begin, end) for begin, end in zip([0, *self._ends], self._ends, strict=False)]
 
     def _common_answer(self) -> Any:
-        """Return what the workers report about their environments; end all workers after an error."""
+        """Return the equal descriptions that all workers send; end all workers after an error."""
         try:
             first, *others = self._answers()
             if any(other[:2] != first[:2] for other in others):

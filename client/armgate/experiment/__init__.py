@@ -1,1 +1,1 @@
-"""``armgate experiment``: the experiments of the paper with the whole stack, over many leader paths."""
+"""``armgate experiment``: the experiments of the paper over many leader paths, in worlds or over sockets."""

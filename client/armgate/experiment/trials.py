@@ -1,4 +1,4 @@
-"""Trials of an experiment: the runs of the stack that its file describes."""
+"""Trials of an experiment: the runs that its file describes."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -38,7 +38,7 @@ class DistanceRange:
 
 @dataclass(frozen=True)
 class Trial:
-    """Run of the stack.
+    """Run of leader and follower, and in some trials of an operator.
 
     Attributes:
         case: Case of the experiment.

@@ -110,7 +110,7 @@ class Parts:
         self._close(last=True)
 
     def abandon(self) -> None:
-        """Truncate the current file after the last complete flush, and write no more."""
+        """Truncate the current file after the last complete flush, and stop writing."""
         self._part.abandon()
 
     def _close(self, *, last: bool) -> Seal:

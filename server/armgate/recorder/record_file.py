@@ -136,7 +136,7 @@ class RecordFile:
         return seal
 
     def abandon(self) -> None:
-        """Truncate the file after the last complete flush, and write no more."""
+        """Truncate the file after the last complete flush, and stop writing."""
         if self._descriptor >= 0:
             with contextlib.suppress(OSError):
                 self._disk.truncate(self._descriptor, self._good)

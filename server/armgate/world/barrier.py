@@ -80,12 +80,12 @@ class Barrier:
         self._participants[name] = _Participant(Presence.PRESENT, now)
 
     def leave(self, name: str) -> None:
-        """Wait no longer for a participant after its bye, or after the loss of its connection."""
+        """Stop waiting for a participant after its bye, or after the loss of its connection."""
         if self._participants[name].presence is Presence.PRESENT:
             self._participants[name].presence = Presence.GONE
 
     def drop(self, name: str) -> None:
-        """Wait no longer for a participant that sent nothing for too long."""
+        """Stop waiting for a participant that sent nothing for too long."""
         self._participants[name].presence = Presence.DROPPED
 
     def note_message(self, name: str, now: float) -> None:

@@ -22,7 +22,7 @@ class WorldClient:
     """Client of a `World`; `World.join` makes it.
 
     A message that is sent is processed at once, as far as lock-step permits: commands are decided at the end
-    of the step, and messages of a participant that is done with the step count in the next one. Messages are
+    of the step, and messages of a participant that is done with the step belong to the next one. Messages are
     not validated again: build them with their constructors, which check them.
 
     Attributes:

@@ -148,7 +148,7 @@ class Core:
         self.peers[peer.client.id] = peer
 
     def leave(self, peer: Peer) -> None:
-        """Forget a session: its leases and signals end, and its robots play their plans to rest."""
+        """Remove a session: its leases and signals end, and its robots play their plans to rest."""
         if self.peers.get(peer.client.id) is peer:
             self._apply(self.leasing.leave(peer))
             self._signals.drop(peer.client.id)

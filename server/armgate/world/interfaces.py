@@ -167,4 +167,4 @@ class RequestHandler(Protocol):
         """Process a request; errors go to the client."""
 
     def leave(self, peer: Peer) -> None:
-        """Forget a session that has ended."""
+        """Remove a session that has ended."""

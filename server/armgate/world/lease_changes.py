@@ -32,7 +32,7 @@ _NO_EXPIRY = LeaseTime(0.0, 0.0)
 
 
 def no_expiry() -> LeaseTime:
-    """Return the time of leases in lock-step: none expires, because the barrier drops silent participants."""
+    """Return the time of leases in lock-step: leases do not expire, the barrier drops silent clients."""
     return _NO_EXPIRY
 
 

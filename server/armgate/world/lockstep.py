@@ -106,7 +106,7 @@ class Lockstep:
         self.advance()
 
     def let_rest(self, decide: bool) -> bool:
-        """Wait for no participant from now on: a step ends only by `advance`.
+        """Stop waiting for participants: from now on a step ends only by `advance`.
 
         Args:
             decide: True if commands that wait are still passed to the gate.
@@ -147,12 +147,13 @@ class Lockstep:
         else:
             self._handle_other(peer, request)
         if type(request) not in _END_NO_STEP:
-            self._go_on()  # also after a stop by an observer: a participant may be done that loses a robot
+            # also after a stop by an observer: a participant that loses its robot may be done now
+            self._go_on()
             if self._takes_part(peer):
                 self._hold_if_done(peer)
 
     def leave(self, peer: Peer) -> None:
-        """Forget a session; a participant that is done with the step leaves at the end of the step."""
+        """Remove a session; a participant that is done with the step leaves at the end of the step."""
         if not self._takes_part(peer):
             self._core.leave(peer)
         elif self._barrier.done(peer.client.name):
@@ -176,7 +177,7 @@ class Lockstep:
             self._process(peer, request)
 
     def _handle_other(self, peer: Peer, request: ClientRequest) -> None:
-        """Process a request of a client that takes no part: it may observe and stop, but not change a run."""
+        """Process a request of a client that is no participant: it cannot hold robots or set signals."""
         if isinstance(request, m.Acquire | m.Signal | m.Pass):
             names, kind = ", ".join(self._barrier.names), request.type
             text = (

@@ -4,7 +4,7 @@ from typing import Any
 
 
 class NoLog:
-    """`EventLog` of a world: all that happens is in the messages of its clients and in its recordings."""
+    """`EventLog` of a world: the messages of its clients and its recordings contain every event."""
 
     def info(self, event: str, **fields: Any) -> None:
         """Do nothing."""

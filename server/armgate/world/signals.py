@@ -36,9 +36,9 @@ class Signals:
 
     Args:
         rate: Values that a session may set per second on average.
-        per_client: Signals that a client may have.
+        per_client: Largest number of signals of a client.
         reserved: Clients that may set the signals under a prefix; the longest matching prefix applies.
-        limit: Signals in all.
+        limit: Largest number of signals of all clients.
     """
 
     def __init__(

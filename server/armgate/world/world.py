@@ -115,8 +115,8 @@ class World:
     def step(self) -> int:
         """End the current step: decide the commands, let robots tick, send the states.
 
-        Participants that are not done count as if they had passed; those that have not joined are not waited
-        for.
+        Participants that are not done count as if they had passed. The step does not wait for participants
+        that have not joined.
 
         Returns:
             The number of the new step.

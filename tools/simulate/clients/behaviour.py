@@ -34,7 +34,7 @@ class Setting:
         holders: Latest lease of each robot that a raw client was granted, and its connection.
         fences: Latest fence of each robot that any client was granted.
         over: True once clients must end.
-        calm: True once clients do nothing unusual any more.
+        calm: True once clients send nothing unusual.
     """
 
     findings: Findings

@@ -28,14 +28,14 @@ class Vandal(RawClient):
         return True
 
     async def live(self) -> None:
-        """Act until the connection ends; while all is calm, be gone."""
+        """Act until the connection ends; disconnect while all is calm."""
         if not self.setting.calm:
             await super().live()
         else:
             await asyncio.sleep(0.5)
 
     def act(self) -> None:
-        """Do harm."""
+        """Send something harmful."""
         if self.setting.calm:
             self.wire.abort()
             return

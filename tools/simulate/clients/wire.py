@@ -112,7 +112,7 @@ class Wire(asyncio.Protocol):
         self.send_bytes(data)
 
     def pause(self) -> None:
-        """Read no more."""
+        """Stop reading."""
         self.complete_since = None
         if self.open:
             self._transport.pause_reading()
@@ -263,7 +263,7 @@ class Wire(asyncio.Protocol):
         self.stops[stopped.stop] = stopped
 
     def _pong(self, pong: m.Pong) -> None:
-        """All commands before a ping arrive before its pong; by the wall clock, they have verdicts, too."""
+        """Check that a pong has a ping, and by the wall clock that all commands before it have verdicts."""
         if self.mangled:
             return
         newest = self._pings.pop(pong.time, None)

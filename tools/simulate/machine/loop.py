@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from tools.simulate.machine.machine import Process
 
 NEVER = 1 << 62
-"""Time that does not come, ns."""
+"""Time that is never reached, ns."""
 
 
 class Selector(selectors.BaseSelector):
@@ -38,7 +38,7 @@ class Selector(selectors.BaseSelector):
         return key
 
     def unregister(self, fileobj: Any) -> selectors.SelectorKey:
-        """Watch a file no more."""
+        """Stop watching a file."""
         return self._keys.pop(_number(fileobj))
 
     def modify(self, fileobj: Any, events: int, data: Any = None) -> selectors.SelectorKey:
@@ -123,7 +123,7 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         self.signals[int(sig)] = callback, args
 
     def remove_signal_handler(self, sig: int) -> bool:
-        """Handle a signal no more."""
+        """Remove the handler of a signal."""
         return self.signals.pop(int(sig), None) is not None
 
     async def getaddrinfo(self, host: Any, port: Any, **_: Any) -> Any:
@@ -146,7 +146,7 @@ class SimulatedLoop(asyncio.SelectorEventLoop):
         return [*own._ready, *own._scheduled, dict(self.selector.get_map())]
 
     def forget(self) -> None:
-        """Forget all that waits: the process is dead."""
+        """Remove all waiting objects: the process is dead."""
         own: Any = self
         own._ready.clear()
         own._scheduled.clear()

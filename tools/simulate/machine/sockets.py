@@ -216,7 +216,7 @@ class SimulatedSocket:
         return not (self.closed or self._failure or (self._out is not None and self._out.ending))
 
     def changed(self) -> None:
-        """Let the selector look at this socket again."""
+        """Make the selector check this socket again."""
         if not self.closed:
             self.process.poke()
 

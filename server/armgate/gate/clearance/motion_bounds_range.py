@@ -3,8 +3,8 @@
 Only the travel of a prismatic joint behind a revolute one counts: it is the length of a lever. At first the
 range covers the joint limits and the configured start. A robot may be found elsewhere: started outside its
 limits, pushed by hand, or measured wrong. Then the range is fitted to the positions that the robot may have,
-with some room, so that a robot that goes on moving does not need new bounds each tick. When the robot is back
-inside, the first range applies again.
+with some room, so that a moving robot does not need new bounds each tick. When the robot is back inside, the
+first range applies again.
 """
 
 from collections.abc import Sequence
