@@ -19,7 +19,7 @@ def campaign(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of the results; results that it has are kept (default: runs/NAME).",
+            help="Folder of the results; existing results are kept (default: runs/NAME).",
             show_default=False,
         ),
     ] = None,
@@ -40,7 +40,11 @@ def campaign(
     dask: Annotated[
         int | None,
         typer.Option(
-            min=1, max=1024, metavar="N", help="Start a Dask cluster with N workers here.", show_default=False
+            min=1,
+            max=1024,
+            metavar="N",
+            help="Start a Dask cluster with N workers on this machine.",
+            show_default=False,
         ),
     ] = None,
     trial: Annotated[

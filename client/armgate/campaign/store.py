@@ -216,7 +216,8 @@ def check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
         lines = [*changes[:10], *([f"… and {len(changes) - 10} more"] if len(changes) > 10 else [])]
         listed = "".join(f"\n  {line}" for line in lines)
         raise UsageError(
-            f"{path.parent}: holds results of another campaign; choose another --out, or undo:{listed}"
+            f"{path.parent}: holds results of another campaign; choose another --out, or undo these changes:"
+            f"{listed}"
         )
 
 

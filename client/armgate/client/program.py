@@ -63,12 +63,12 @@ class Program(Protocol):
     def step(self, tick: Tick) -> Increments | None:
         """Return the increments (n,) requested at the next tick.
 
-        Returns:
-            The increments in rad or m; `REST` to send no command at this tick, and always without a robot;
-            None if the program has ended.
-
         Args:
             tick: Tick of its robot. Without a robot, the newest state, of any robot.
+
+        Returns:
+            The increments in rad or m; `REST` to send no command at this tick, and always without a robot;
+                None if the program has ended.
         """
 
     def signals(self) -> SignalValues:
@@ -82,7 +82,7 @@ class Program(Protocol):
 
         Returns:
             True if the program brings its robot to rest and then ends by itself. False to end it at once: the
-            lease is released, and the robot brakes along its plan.
+                lease is released, and the robot brakes along its plan.
         """
 
     @property

@@ -73,7 +73,7 @@ def experiment(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder of the run; runs that it has are kept (default: runs/<time>).",
+            help="Folder of the results; existing runs are kept (default: runs/<time>).",
             show_default=False,
         ),
     ] = None,
