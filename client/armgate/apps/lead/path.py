@@ -87,7 +87,7 @@ class RecordedPath:
         i = min(int(u), len(self.q) - 2)
         s = u - i
         left, right, leaves, arrives = (basis @ np.array([1.0, s, s * s, s * s * s])).tolist()
-        ends = (row.tolist() for row in (self.q[i], self.q[i + 1], self._slopes[i], self._slopes[i + 1]))
+        ends = *self.q[i : i + 2].tolist(), *self._slopes[i : i + 2].tolist()
         return np.array(
             [
                 left * a + right * b + self.period * (leaves * da + arrives * db)

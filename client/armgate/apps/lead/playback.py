@@ -1,6 +1,7 @@
 """Playback of a recorded path: one increment per tick, in a path time that waits for a lagging robot."""
 
 import math
+from operator import le
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +94,7 @@ class Playback:
         """Advance path time by one tick at the new pace, braking in time for the end."""
         T = self._bounds.period
         change = T / RAMP
-        keeps_up = all(abs(way) <= most for way, most in zip(behind.tolist(), self._lag, strict=True))
+        keeps_up = all(map(le, map(abs, behind.tolist()), self._lag))
         wanted = self._pace + change if keeps_up else self._pace - 4.0 * change
         # v² = 2 s / RAMP: the pace from which the path comes to rest within the rest of this run.
         left = self.end - self.time
