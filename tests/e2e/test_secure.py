@@ -364,6 +364,17 @@ async def test_a_token_can_be_written_to_a_file_that_only_its_user_can_read(tmp_
     assert "b" not in (json.loads(line)["name"] for line in (tmp_path / "tokens").read_text().splitlines())
 
 
+async def test_a_token_keeps_its_secret_if_the_new_one_has_no_place(tmp_path):
+    file = tmp_path / "tokens"
+    await token(file, "--role", "observer", "--name", "eye")
+    stored = file.read_text()
+    for arguments in (("--rotate", "eye"), ("--role", "observer", "--name", "b")):
+        status, out, err = await run("token", "--file", file, *arguments, "--out", tmp_path / "none" / "mine")
+        assert (status, out) == (2, "")
+        assert "there is no folder" in err
+        assert file.read_text() == stored
+
+
 # --- revoked tokens ---------------------------------------------------------------------------------------
 
 

@@ -67,7 +67,7 @@ def token(
     overlap: _Overlap = 0.0,
 ) -> None:
     """Create a token; prints the secret once, or writes it to a file, and stores only its hash."""
-    _check_free(out)
+    _check_out(out)
     if rotate is not None:
         if role or name or certificate or days is not None or robots != ALL:
             raise CalledWronglyError("--rotate: expected no other options than --file, --overlap and --out")
@@ -131,16 +131,25 @@ def _digest(certificate: Path) -> str:
 
 def _report(made: "Token", what: str, secret: str, out: Path | None) -> None:
     where = "printed this once:" if out is None else f"in {out}, for this user only"
+    if out is not None:
+        _write(out, secret)
     typer.echo(f"armgate: {made.name} {what}; its secret is {where}", err=True)
     if out is None:
         typer.echo(secret)
-    else:
-        _write(out, secret)
 
 
-def _check_free(out: Path | None) -> None:
-    if out is not None and os.path.lexists(out):
+def _check_out(out: Path | None) -> None:
+    """Check the place for the secret before its hash is stored: a secret that cannot be written is lost."""
+    if out is None:
+        return
+    if os.path.lexists(out):
         raise CalledWronglyError(f"--out {out}: the file exists; remove it, or name another file")
+    if not out.parent.is_dir():
+        raise CalledWronglyError(
+            f"--out {out}: there is no folder {out.parent}; create it, or name another file"
+        )
+    if not os.access(out.parent, os.W_OK | os.X_OK):
+        raise CalledWronglyError(f"--out {out}: {out.parent} is not writable; name another file")
 
 
 def _write(out: Path, secret: str) -> None:
