@@ -218,10 +218,10 @@ class Wire(asyncio.Protocol):
         again = before is not None and state.tick == before.tick and self.got.get("subscribed", 0) > 1
         self._check(newer or again, "states are monotonic", (before and before.tick, state.robot, state.tick))
         if before is not None:
-            for one, other in zip(before.entries, state.entries, strict=False):
-                self._check(
-                    other.tick >= one.tick, "entries are monotonic", (one.robot, one.tick, other.tick)
-                )
+            ticks = {entry.robot: entry.tick for entry in state.entries}
+            for one in before.entries:
+                later = ticks.get(one.robot, -1)
+                self._check(later >= one.tick, "entries are monotonic", (one.robot, one.tick, later))
         every = self._every.get(state.robot)
         complete = self.complete_since is not None and state.tick > 0
         if complete and every and before is not None and newer and not again:
