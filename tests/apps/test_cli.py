@@ -147,6 +147,11 @@ PAIR = ("--robot", "FR", "--leader", "GR")
         (("follow", "127.0.0.1:9", *PAIR, "--focus", "nan", "0", "1"), "--focus"),
         (("follow", "127.0.0.1:9", *PAIR, "--distance", "inf"), "--distance"),
         (("follow", "127.0.0.1:9", *PAIR, "--lag", "inf"), "--lag"),
+        (
+            ("reach", "127.0.0.1:9", "--robot", "P", "--target", *"110", "--out", "none/p.csv"),
+            "no folder none",
+        ),
+        (("reach", "127.0.0.1:9", "--robot", "P", "--target", *"110", "--out", "."), ".: is a folder"),
         (("demo", "none.yaml"), "none.yaml"),
         (("demo", "--path", "none.csv"), "none.csv: cannot be read"),
         (("demo", "--links", "none.yaml"), "none.yaml"),

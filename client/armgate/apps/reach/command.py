@@ -102,9 +102,11 @@ def reach(
     """Move a frame of a robot to a target."""
     from armgate.apps.interrupt import catch_interrupt
     from armgate.apps.reach.goal import Goal, tuning
+    from armgate.apps.reach.program import check_out
     from armgate.apps.reach.program import reach as move
     from armgate.client import connect
 
+    check_out(out)
     goal = Goal(
         frame=frame,
         rows=tuple(row.strip() for row in rows.split(",")),
