@@ -40,6 +40,7 @@ THREE := -n 3 --dist worksteal
 
 test: $(VENV)/.system $(VENV)/.tested  ## run the daily tests, some minutes; a browser is installed if there is none
 ifeq ($(strip $(ARGS)),)
+	@$(BIN)/python -m tools.kernels
 	@$(PYTEST) -m "not slow and not alone" $(THREE)
 	@$(PYTEST) -m "not slow and alone"
 else
