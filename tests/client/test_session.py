@@ -210,3 +210,19 @@ def test_the_docstring_lists_all_exceptions():
     classes = [c for c in vars(client_errors).values() if isinstance(c, type) and issubclass(c, Exception)]
     assert {c.__name__ for c in classes if c.__name__ not in client_errors.__doc__} == set()
     assert all(issubclass(c, client_errors.ClientError) for c in classes)
+
+
+def test_a_delayed_signal_is_sent_although_the_next_command_is_invalid():
+    pair = Pair()
+    fence = pair.acquire("FR").fence
+    assert pair.session.signal("zoom", 1.0, more=True) == b""
+    with pytest.raises(BadArgument):
+        pair.session.command("FR", fence, 0, [object()])
+    (signal,) = pair.receive(pair.session.delayed())
+    assert (signal.type, signal.name) == ("signal", "zoom")
+
+
+@pytest.mark.parametrize("value", [10**400, [0.0, 10**400]], ids=["scalar", "vector"])
+def test_a_signal_beyond_the_range_of_floats_is_explained(value):
+    with pytest.raises(BadArgument, match="signal zoom: expected a number or numbers"):
+        Pair().session.signal("zoom", value)

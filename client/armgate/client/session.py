@@ -331,11 +331,11 @@ class Session:
     def _send(self, message: Message) -> bytes:
         if self.closed is not None:
             raise self.closed
-        delayed, self._delayed = self._delayed, b""
         try:
-            return delayed + self._sender.send(message)
+            data = self._sender.send(message)
         except LocalProtocolError as error:
             raise BadArgument(error.text) from error
+        return self.delayed() + data
 
 
 def build(model: type[Message], **fields: Any) -> Any:
@@ -373,5 +373,5 @@ def _number(value: Any) -> Any:
 def _vector(name: str, value: Iterable[float] | float) -> tuple[float, ...]:
     try:
         return tuple(map(float, value)) if hasattr(value, "__iter__") else (float(value),)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise BadArgument(f"signal {name}: expected a number or numbers, got {value!r:.60}") from None
