@@ -91,6 +91,19 @@ def test_a_stop_ends_a_program_as_failed_with_its_reason(planar: Cell) -> None:
     assert "P was stopped by eye (too close)" in outcome.text
 
 
+def test_a_program_that_is_kicked_between_its_command_and_the_verdict_ends_as_failed(planar: Cell) -> None:
+    world = World(planar)
+    operator = world.join("eye", "operator")
+    one = WorldRun(world, {"one": Controller(lambda _: Turn(40), "P")}).participants["one"]
+    one.act()
+    operator.request(m.Kick(session="p0", reason="too fast"))
+    world.step()
+    one.take()
+    assert one.outcome is not None
+    assert one.outcome.failed
+    assert "eye ended this session: too fast" in one.outcome.text
+
+
 @pytest.mark.parametrize("dq", [("a", 0.0, 0.0), (None, 0.0, 0.0)])
 def test_invalid_increments_end_a_program_with_one_error(planar: Cell, dq: Any) -> None:
     outcome, _, _ = ran(planar, Turn(40, lambda tick: dq))

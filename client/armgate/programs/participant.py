@@ -91,6 +91,8 @@ class Participant:
             return
         try:
             verdict = self._session.pending.verdict(self._seq)
+            if verdict is None:
+                self._session.check()  # the verdict does not come if the session has ended
         except ClientError as error:
             self._end(Outcome(str(error), failed=True))
             return
