@@ -91,6 +91,27 @@ def test_a_stop_ends_a_program_as_failed_with_its_reason(planar: Cell) -> None:
     assert "P was stopped by eye (too close)" in outcome.text
 
 
+def test_a_program_that_is_kicked_before_it_acts_ends_as_failed(planar: Cell) -> None:
+    def kick(world: World, step: int) -> None:
+        if step == 3:
+            world.join("eye", "operator").request(m.Kick(session="p0", reason="too fast"))
+
+    outcome, _, _ = ran(planar, Turn(40), kick)
+    assert outcome is not None
+    assert outcome.failed
+    assert "eye ended this session: too fast" in outcome.text
+
+
+def test_a_run_whose_program_is_kicked_at_its_end_ends_all_sessions(planar: Cell) -> None:
+    world = World(planar)
+    operator = world.join("eye", "operator")
+    controllers = {"one": Controller(lambda _: Turn(40), "P"), "two": Controller(lambda _: Turn(40))}
+    running = WorldRun(world, controllers)
+    operator.request(m.Kick(session="p0"))
+    running.close()
+    assert world.clients == (operator,)
+
+
 def test_a_program_that_is_kicked_between_its_command_and_the_verdict_ends_as_failed(planar: Cell) -> None:
     world = World(planar)
     operator = world.join("eye", "operator")

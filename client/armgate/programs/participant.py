@@ -76,6 +76,7 @@ class Participant:
         if self.outcome is not None or self._seq is not None:
             return
         try:
+            self._cell._receive()  # between two steps another client may end the session
             tick = self._next()
             if tick is not None:
                 self._act(tick)
@@ -154,6 +155,7 @@ class Participant:
 
     def _end(self, outcome: Outcome) -> None:
         self.outcome = outcome
+        self._cell._receive()
         if self._session.closed is None:
             robot, fence = self._robot, self._fence
             if robot is not None and self._session.leases.holds(robot, fence):
