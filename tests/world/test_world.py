@@ -265,3 +265,10 @@ def test_a_saved_world_is_restored_undamaged_and_for_its_cell_only(cell, tmp_pat
 
 def test_a_saved_world_contains_no_part_of_its_cell(cell):
     assert b"armgate.cell" not in World(cell).save()
+
+
+@pytest.mark.parametrize("message", [m.Bye(), m.Hello(versions=(1,), name="a", role="controller")])
+def test_only_requests_of_clients_are_sent(cell, message):
+    client = World(cell).join("a")
+    with pytest.raises(ValueError, match=f"{message.type}: not a request of a client.*leave"):
+        client.send(message)

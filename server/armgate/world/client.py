@@ -5,7 +5,7 @@ from typing import TypeVar, overload
 
 from armgate.protocol import ErrorCode, RemoteProtocolError
 from armgate.protocol import messages as m
-from armgate.world.interfaces import ClientRequest
+from armgate.world.interfaces import REQUESTS, ClientRequest
 from armgate.world.mailbox import Mailbox
 
 M = TypeVar("M", bound=m.Message)
@@ -60,8 +60,12 @@ class WorldClient:
 
         Raises:
             SessionEndedError: The session has ended.
+            ValueError: A message is not a request of a client.
         """
         for message in messages:
+            if type(message) not in REQUESTS:
+                text = "not a request of a client; join sends the hello, and leave the bye"
+                raise ValueError(f"{message.type}: {text}")
             if self._mailbox.closed:
                 raise SessionEndedError(f"{message.type}: the session of {self.name} has ended; join again")
             self._handle(self._mailbox, message)
