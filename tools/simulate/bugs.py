@@ -92,8 +92,8 @@ BUGS = (
     Bug(
         "verdict sent twice when the transport resumes",
         f"{_DAEMON}/sessions/writing.py",
-        "            frame = self._queue.popleft()\n",
-        "            frame = self._queue[0] if len(self._queue) == 2 else self._queue.popleft()\n",
+        "            self._queued -= len(frame)\n",
+        "            self._queued -= len(frame)\n            frame *= 1 if self._queue else 2\n",
     ),
     Bug(
         "state backlog unbounded",

@@ -11,6 +11,9 @@ from tools.simulate.bugs import BUGS, Bug
 STEPS = 300
 """Ticks of each simulation."""
 
+LONGEST = 600.0
+"""Longest time of the search for one bug, s."""
+
 _FOUND = re.compile(r"^seed (\d+):.*\n  violated: (.*)$", re.MULTILINE)
 
 
@@ -37,9 +40,13 @@ def _find(bug: Bug, seeds: int) -> tuple[int | None, str, float]:
     """Return the first seed that violates an invariant, its first violation, and the time it took, s."""
     begin = time.monotonic()
     options = ["--bug", bug.name, "--seeds", str(seeds), "--steps", str(STEPS)]
-    done = subprocess.run(  # noqa: S603
-        [sys.executable, "-m", "tools.simulate", *options], capture_output=True, text=True, check=False
-    )
+    command = [sys.executable, "-m", "tools.simulate", *options]
+    try:
+        done = subprocess.run(  # noqa: S603
+            command, capture_output=True, text=True, check=False, timeout=LONGEST
+        )
+    except subprocess.TimeoutExpired:
+        return None, "the search did not end", LONGEST
     seconds = time.monotonic() - begin
     if done.returncode not in (0, 1) or done.stderr:
         raise RuntimeError(f"{bug.name}: {done.stderr[-2000:]}")
