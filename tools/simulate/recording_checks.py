@@ -19,7 +19,7 @@ from tools.simulate.stack import Life
 _TAIL_NS = round(1e9 * (FLUSH + 0.08))
 """Longest time of a run that may be lost if the daemon is killed, ns: two flushes and the worker's poll."""
 
-_DAMAGED = 8
+_DAMAGED = 24
 """Number of copies with one wrong bit that are checked."""
 
 
