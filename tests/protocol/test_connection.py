@@ -119,7 +119,7 @@ def connection(role, state):
     return made
 
 
-def test_a_client_that_says_bye_before_the_welcome_still_reads_it():
+def test_a_client_that_sends_bye_before_the_welcome_still_reads_it():
     client, server = Connection(Side.CLIENT), Connection(Side.SERVER)
     server.receive(client.send(HELLO))
     crossing = server.send(welcome())

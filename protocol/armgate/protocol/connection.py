@@ -103,7 +103,7 @@ def transitions(dialect: v.Dialect) -> dict[Key, ConnectionState]:
         table |= {(state, client, kind): state for kind in from_client}
     for state in (_State.READY, _State.CLIENT_LEAVING):
         table |= {(state, server, kind): state for kind in from_server}
-    # The welcome may be on its way when a client that waits for it says bye.
+    # The welcome may be on its way when a client that waits for it sends its bye.
     table[_State.CLIENT_LEAVING, server, "welcome"] = _State.CLIENT_LEAVING
     table[_State.CLIENT_LEAVING, server, "fatal"] = _State.CLOSED
     table[_State.CLIENT_LEAVING, server, "bye"] = _State.CLOSED
