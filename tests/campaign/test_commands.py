@@ -3,6 +3,7 @@
 import sys
 import tempfile
 import time
+from multiprocessing.util import get_temp_dir
 from pathlib import Path
 
 import pytest
@@ -111,6 +112,7 @@ def runs(process: int) -> bool:
 def test_commands_end_with_the_trial_or_with_its_worker(
     tmp_path: Path, mode: str, timeout: int, failed: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    get_temp_dir()  # the fork server's folder stays where it is: the path of a Unix socket is short
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
     (tmp_path / "temporary").mkdir()
     (tmp_path / "endless.py").write_text(ENDLESS)

@@ -427,10 +427,9 @@ class Gossip(m.Signaled):
 
 
 def unannounced_message_types(patch):
-    around(
-        patch, to_protocol, "answer",
-        lambda right: lambda model, *a, **more: right(Gossip if model is m.Signaled else model, *a, **more),
-    )  # fmt: skip
+    patch.setattr(
+        to_protocol, "signaled", lambda request: to_protocol.answer(Gossip, request, name=request.name)
+    )
 
 
 def distances_too_large(patch):

@@ -51,8 +51,14 @@ class LocalPool:
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload([PRELOADED])
         self._folder = TemporaryDirectory(prefix="armgate-campaign-")
-        self._workers = [self._start() for _ in range(workers)]
         self._queue: deque[Sequence[Trial]] = deque()
+        self._workers: list[_Worker] = []
+        try:
+            for _ in range(workers):
+                self._workers.append(self._start())
+        except BaseException:
+            self.__exit__()
+            raise
 
     @property
     def workers(self) -> int:
