@@ -92,7 +92,7 @@ class RsiStack:
         self.port, self.krc_port = free_ports(2)
         self.file = cell_text(
             folder, cycle=0.012, listen=f"127.0.0.1:{self.port}", krc="127.0.0.1", timeout=TIMEOUT,
-            late_in_a_row=70, silence="800 ms", axiscorr="{A: 400.0}",
+            late_in_a_row=40, silence="300 ms", axiscorr="{A: 400.0}",
         )  # fmt: skip
         self.file.write_text(self.file.read_text() + "max_age_ticks: 1000\n")
         self.cell = build_cell(load_config([self.file]))
