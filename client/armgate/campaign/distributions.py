@@ -146,13 +146,6 @@ class Variation(ConfigModel):
             return value
         return f"{value!r} {si_unit(self._dimension)}"
 
-    @property
-    def numeric(self) -> bool:
-        """True if all values are numbers."""
-        if self.choice is None:
-            return True
-        return all(isinstance(one, int | float) and not isinstance(one, bool) for one in self.choice)
-
 
 def _dimension(given: Any) -> str | None:
     """Return the dimension of the numbers of a valid distribution; None if they have no units."""
