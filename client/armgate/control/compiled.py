@@ -34,8 +34,6 @@ Packed = NDArray[np.uint8]
 
 NOT_OURS = "expected a scene or goal made by this law"
 
-_KERNELS = ("_kernels", "_evaluate", "_survey", "_watch")
-"""Attributes of laws and leaders that are not pickled."""
 _ENDED = (Ended.CONVERGED, Ended.BOUND, Ended.BUDGET)
 
 
@@ -114,7 +112,26 @@ class PackedGoal(Goal):
     packed: Packed
 
 
-class CompiledLaw(CameraLaw):
+class _WithKernels:
+    """Base of compiled forms: copies and pickles lack the kernels, because a module cannot be pickled."""
+
+    _kernels: ModuleType
+
+    def _load(self) -> None:
+        prepare()
+        self._kernels = _kernels()
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the state without the kernels."""
+        return {name: value for name, value in vars(self).items() if name != "_kernels"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with the kernels of this process."""
+        self.__dict__.update(state)
+        self._load()
+
+
+class CompiledLaw(_WithKernels, CameraLaw):
     """`CameraLaw` with compiled evaluations. Scenes and goals of the two classes are not interchangeable."""
 
     def __init__(
@@ -130,27 +147,12 @@ class CompiledLaw(CameraLaw):
         self._blank: dict[int, Packed] = {}
         self._alone = PackedScene(np.zeros(model.n), np.inf, np.inf, self._packed_with(0))
 
-    def _load(self) -> None:
-        prepare()
-        self._kernels = _kernels()
-        self._evaluate = self._kernels.evaluate
-        self._survey = self._kernels.survey
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the kernels: a module cannot be pickled."""
-        return {name: value for name, value in vars(self).items() if name not in _KERNELS}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with the kernels of this process."""
-        self.__dict__.update(state)
-        self._load()
-
     def scene(self, obstacles: Obstacles, q: Vector) -> PackedScene:
         """Return a scene; see `CameraLaw.scene`."""
         packed, around = self._packed_with(len(obstacles.radii)), _own(q)
         floor = -np.inf if obstacles.floor is None else obstacles.floor
         centres, radii = _own(obstacles.centres), _own(obstacles.radii)
-        gap, own_gap = self._survey(around, centres, radii, floor, packed)
+        gap, own_gap = self._kernels.survey(around, centres, radii, floor, packed)
         return PackedScene(around, gap, own_gap, packed)
 
     def goal(
@@ -182,7 +184,7 @@ class CompiledLaw(CameraLaw):
         if not isinstance(goal, PackedGoal):
             raise TypeError(NOT_OURS)
         qd: Vector = np.array(q, dtype=np.float64)
-        self._evaluate(qd, goal.packed)
+        self._kernels.evaluate(qd, goal.packed)
         return qd
 
     def run(
@@ -313,7 +315,7 @@ class CompiledChase(Chase):
         return Chased(rows[10].copy(), steps, ended, bounded)
 
 
-class CompiledLeader(Leader):
+class CompiledLeader(_WithKernels, Leader):
     """`Leader` with compiled kinematics."""
 
     def __init__(self, model: RobotModel, tool: str, floor: float | None) -> None:
@@ -328,23 +330,9 @@ class CompiledLeader(Leader):
             (frame, no_goal, _joints(model), no_rows, _moving(self._spheres), pairs, obstacles)
         )
 
-    def _load(self) -> None:
-        prepare()
-        self._kernels = _kernels()
-        self._watch = self._kernels.watch
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return the state without the kernels: a module cannot be pickled."""
-        return {name: value for name, value in vars(self).items() if name not in _KERNELS}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore the state, with the kernels of this process."""
-        self.__dict__.update(state)
-        self._load()
-
     def _at(self, q: Vector) -> tuple[Vector, Obstacles]:
         centres = np.empty((len(self._spheres.radii), 3))
-        tool = np.array(self._watch(_own(q), centres, self._packed))
+        tool = np.array(self._kernels.watch(_own(q), centres, self._packed))
         return tool, Obstacles(centres, self._spheres.radii, self._floor)
 
 
