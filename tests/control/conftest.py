@@ -11,7 +11,7 @@ from armgate.cell.config import load_config
 from armgate.control.bounds import IncrementBounds
 from armgate.control.compiled import CompiledLaw
 from armgate.control.law import CameraLaw
-from support.follow_rig import Leader, Loop, bounds_of
+from support.follow_rig import Leader, Loop
 
 DEMO = Path(__file__).parents[2] / "configs" / "demo.yaml"
 
@@ -39,7 +39,7 @@ def fast(fr: Robot) -> CompiledLaw:
 
 @pytest.fixture(scope="session")
 def bounds(fr: Robot) -> IncrementBounds:
-    return bounds_of(fr)
+    return IncrementBounds.of(fr)
 
 
 @pytest.fixture(scope="session")

@@ -18,17 +18,6 @@ from armgate.control.view_errors import view_errors
 Path3 = Callable[[float], np.ndarray]
 
 
-def bounds_of(robot: Robot) -> IncrementBounds:
-    return IncrementBounds.from_rates(
-        lower=robot.lower,
-        upper=robot.upper,
-        velocity=robot.velocity,
-        acceleration=robot.acceleration,
-        deceleration=robot.deceleration,
-        period=robot.period,
-    )
-
-
 @dataclass
 class Leader:
     """GR as obstacles: it translates as a whole, so that its tool is at p."""
@@ -90,7 +79,12 @@ class Loop:
     ) -> Trace:
         T, robot = self.robot.period, self.robot
         follower = Follower(
-            self.law, bounds_of(robot), period=T, ahead=T + ramp_lag(lag, T), predict=predict, **options
+            self.law,
+            IncrementBounds.of(robot),
+            period=T,
+            ahead=T + ramp_lag(lag, T),
+            predict=predict,
+            **options,
         )
         setpoint = np.array(robot.start if start is None else start)
         q, last, keep = setpoint, np.zeros(robot.model.n), np.exp(-T / lag) if lag else 0.0

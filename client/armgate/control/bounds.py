@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import floor
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from armgate.control.weights import Vector
+
+if TYPE_CHECKING:
+    from armgate.cell.cell import Robot
 
 # Relative margin to the bounds of the gate, which the gate computes from the same values.
 SLACK = 1e-6
@@ -32,6 +36,18 @@ class IncrementBounds:
     change: Vector
     lower: Vector
     upper: Vector
+
+    @classmethod
+    def of(cls, robot: Robot) -> IncrementBounds:
+        """Return the bounds of a cell's robot, as the gate applies them."""
+        return cls.from_rates(
+            lower=robot.lower,
+            upper=robot.upper,
+            velocity=robot.velocity,
+            acceleration=robot.acceleration,
+            deceleration=robot.deceleration,
+            period=robot.period,
+        )
 
     @classmethod
     def from_rates(

@@ -17,18 +17,6 @@ Units = Literal["share", "joint"]
 """``share``: −1 to 1 is the largest increment of each joint; ``joint``: rad or m per tick."""
 
 
-def bounds_of(robot: Robot) -> IncrementBounds:
-    """Return the bounds of a robot's increments that do not depend on other bodies."""
-    return IncrementBounds.from_rates(
-        lower=robot.lower,
-        upper=robot.upper,
-        velocity=robot.velocity,
-        acceleration=robot.acceleration,
-        deceleration=robot.deceleration,
-        period=robot.period,
-    )
-
-
 def finite_array(value: object) -> Array | None:
     """Return real finite numbers as an array; None if the value is anything else."""
     try:
@@ -58,7 +46,7 @@ class Actions:
     """
 
     def __init__(self, robots: Sequence[Robot], units: Units, within: bool) -> None:
-        self.bounds = {robot.name: bounds_of(robot) for robot in robots}
+        self.bounds = {robot.name: IncrementBounds.of(robot) for robot in robots}
         self._within = within
         largest = np.concatenate([robot.velocity * robot.period for robot in robots])
         match units:
