@@ -75,14 +75,10 @@ def _check_json(file: Path | None) -> None:
         DescriptionError: Its folder does not exist, or it is a folder itself.
     """
     from armgate.monitor.errors import DescriptionError
+    from armgate.recording.files import output_problem
 
-    if file is None:
-        return
-    if not file.parent.is_dir():
-        text = f"there is no folder {file.parent}; create it, or choose another file"
-        raise DescriptionError(f"--json {file}: {text}")
-    if file.is_dir():
-        raise DescriptionError(f"--json {file}: is a folder; expected the name of a file")
+    if file is not None and (problem := output_problem(file)) is not None:
+        raise DescriptionError(f"--json {file}: {problem}")
 
 
 def _watch(  # type: ignore[no-untyped-def]

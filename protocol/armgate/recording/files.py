@@ -1,4 +1,4 @@
-"""Safe access to the files of a recording from an untrusted source.
+"""Safe access to the files of a recording from an untrusted source, and to files that commands write.
 
 Symbolic links in the folder of a run are never followed, devices and pipes are never read, and files are
 never overwritten in place.
@@ -34,6 +34,15 @@ def open_file(path: Path) -> BinaryIO:
         os.close(descriptor)
         raise ForeignError(path, "neither a file nor a folder; expected a recording")
     return os.fdopen(descriptor, "rb")
+
+
+def output_problem(path: Path) -> str | None:
+    """Return why a command cannot write a file to this place, with the remedy; None if it may be possible."""
+    if not path.parent.is_dir():
+        return f"there is no folder {path.parent}; create it, or choose another file"
+    if path.is_dir():
+        return "is a folder; expected the name of a file"
+    return None
 
 
 @contextmanager

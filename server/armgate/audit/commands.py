@@ -127,13 +127,10 @@ def _check_out(file: Path | None) -> None:
         UseError: Its folder does not exist, or it is a folder itself.
     """
     from armgate.audit.errors import UseError
+    from armgate.recording.files import output_problem
 
-    if file is None:
-        return
-    if not file.parent.is_dir():
-        raise UseError(f"--out {file}: there is no folder {file.parent}; create it, or choose another file")
-    if file.is_dir():
-        raise UseError(f"--out {file}: is a folder; expected the name of a file")
+    if file is not None and (problem := output_problem(file)) is not None:
+        raise UseError(f"--out {file}: {problem}")
 
 
 def audit(

@@ -102,11 +102,10 @@ def reach(
     """Move a frame of a robot to a target."""
     from armgate.apps.interrupt import catch_interrupt
     from armgate.apps.reach.goal import Goal, tuning
-    from armgate.apps.reach.program import check_out
     from armgate.apps.reach.program import reach as move
     from armgate.client import connect
 
-    check_out(out)
+    _check_out(out)
     goal = Goal(
         frame=frame,
         rows=tuple(row.strip() for row in rows.split(",")),
@@ -120,3 +119,16 @@ def reach(
     with catch_interrupt() as interrupt, connect(address, name=name, role="controller", **own) as cell:
         text = move(cell, robot, goal, interrupt, typer.echo, tolerance=tolerance, duration=duration, out=out)
     typer.echo(printable(f"{robot}: {text}"))
+
+
+def _check_out(file: Path | None) -> None:
+    """Check that a path file can be written to this place, before the robot moves.
+
+    Raises:
+        UsageError: Its folder does not exist, or it is a folder itself.
+    """
+    from armgate.apps.errors import UsageError
+    from armgate.recording.files import output_problem
+
+    if file is not None and (problem := output_problem(file)) is not None:
+        raise UsageError(f"--out {file}: {problem}")

@@ -238,20 +238,6 @@ _GOAL = {"frame": None, "rows": ("x", "y", "z"), "xyz": None, "rpy_deg": None, "
 """Defaults of the goal of `make`."""
 
 
-def check_out(file: Path | None) -> None:
-    """Check that a path file can be written to this place, before the robot moves.
-
-    Raises:
-        UsageError: Its folder does not exist, or it is a folder itself.
-    """
-    if file is None:
-        return
-    if not file.parent.is_dir():
-        raise UsageError(f"--out {file}: there is no folder {file.parent}; create it, or choose another file")
-    if file.is_dir():
-        raise UsageError(f"--out {file}: is a folder; expected the name of a file")
-
-
 def write_motion(file: Path, robot: RobotDescription, setpoints: Array) -> None:
     """Write setpoints as a path file.
 
