@@ -1,8 +1,9 @@
 """Trials with commands: a daemon in lock-step, processes, and programs on connections of their own."""
 
+import os
+import select
 import sys
 import tempfile
-import time
 from multiprocessing.util import get_temp_dir
 from pathlib import Path
 
@@ -96,13 +97,14 @@ with connect(address, name=name) as cell, cell.acquire(robot) as held:
 """
 
 
-def runs(process: int) -> bool:
-    """Return True if a process runs; a zombie has ended."""
+def wait_for_end(process: int) -> None:
+    """Wait until a process has ended, which may be no child of this one."""
     try:
-        status = Path(f"/proc/{process}/stat").read_text()
-    except FileNotFoundError:
-        return False
-    return status.rpartition(")")[2].split()[0] != "Z"
+        descriptor = os.pidfd_open(process)
+    except ProcessLookupError:
+        return
+    with os.fdopen(descriptor):
+        select.select([descriptor], [], [])
 
 
 @pytest.mark.parametrize(
@@ -122,7 +124,5 @@ def test_commands_end_with_the_trial_or_with_its_worker(
     file.write_text(file.read_text().replace('program: "odd:move"', command))
     summary = run_campaign(Campaign.load(file), tmp_path / "out", lambda plan: LocalPool(plan, 1))
     assert summary.failed == failed, summary.reasons
-    process = int((tmp_path / "pid").read_text())
-    while runs(process):
-        time.sleep(0.01)
+    wait_for_end(int((tmp_path / "pid").read_text()))
     assert list((tmp_path / "temporary").glob("armgate-*")) == []
