@@ -68,7 +68,6 @@ class Gate:
         self._nearest = nearest_pairs_of(self._clearance)
         self._decisions = DecisionMaker(self._clearance, cell.config.response)
         self._robots = [RobotState.of(r, i) for i, r in enumerate(cell.robots)]
-        self._index = {r.name: i for i, r in enumerate(cell.robots)}
         self._reservations = Reservations(self._clearance)
         self._stops = Stops()
 
@@ -314,8 +313,7 @@ class Gate:
         return [r for r in self._robots if r.index in met and r is not s]
 
     def _of(self, robot: str) -> RobotState:
-        index = self._index.get(robot)
-        return self._robots[self._cell.robot_index(robot) if index is None else index]
+        return self._robots[self._cell.robot_index(robot)]
 
 
 def _outcome(dq: Joints, decision: Decision) -> Outcome:

@@ -2,6 +2,7 @@
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -98,12 +99,17 @@ class Cell:
         Raises:
             ModelError: There is no such robot.
         """
-        names = [robot.name for robot in self.robots]
-        if name not in names:
+        try:
+            return self._indices[name]
+        except KeyError:
+            known = ", ".join(self._indices)
             raise ModelError(
-                f"there is no robot {name!r} in cell {self.name!r}; expected one of {', '.join(names)}"
-            )
-        return names.index(name)
+                f"there is no robot {name!r} in cell {self.name!r}; expected one of {known}"
+            ) from None
+
+    @cached_property
+    def _indices(self) -> dict[str, int]:
+        return {robot.name: index for index, robot in enumerate(self.robots)}
 
     def robot(self, name: str) -> Robot:
         """Return the robot of this name.
