@@ -36,7 +36,8 @@ const track = label && document.getElementById(label.htmlFor);
 if (!track) return null;
 track.scrollIntoView({block: 'center'});
 const knob = track.querySelector('.mantine-Slider-thumb').getBoundingClientRect();
-return [knob.x + knob.width / 2, knob.y + knob.height / 2, track.getBoundingClientRect().width];
+const box = track.getBoundingClientRect();
+return [knob.x + knob.width / 2, knob.y + knob.height / 2, box.width, box.x];
 }"""
 
 
@@ -139,6 +140,14 @@ class Page:
 
     def slider(self, label):
         """Return the middle of a slider's knob in the window, and the length of its track, pixels."""
+        return self._slider(label)[:3]
+
+    def along(self, label, share):
+        """Return the place in the window at this share of a slider's track, pixels from the left."""
+        _, _, width, left = self._slider(label)
+        return left + share * width
+
+    def _slider(self, label):
         found = self.tab.evaluate(_SLIDER, label)
         assert found, f"no slider {label!r}"
         return found
